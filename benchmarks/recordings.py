@@ -21,10 +21,10 @@ from mcap.reader import make_reader
 
 from benchmarks.table import keep
 from benchmarks.writers import CODECS, Ticks, mcaps, ours, ours_flushed, ticks_of
+from nrs_cosim.recordings.channels import channels, schemas
 from nrs_cosim.recordings.export.tables import SAMPLES, STATES, rows
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import CHUNK_BYTES
-from nrs_cosim.recordings.recorder import channels, schemas
 
 ROUNDS = 7
 SIZES = {6: 1500, 100: 100}

@@ -12,12 +12,12 @@ from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import topic_of
 from nrs_cosim.bus.messages import SAMPLE, STATE, Codec
+from nrs_cosim.recordings.channels import channels, schemas
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.container import Message
 from nrs_cosim.recordings.mcap.ordering import columns_of
 from nrs_cosim.recordings.mcap.writer import CHUNK_BYTES, Writer
 from nrs_cosim.recordings.metadata import RUN
-from nrs_cosim.recordings.recorder import channels, schemas
 
 H = 100_000_000
 """ns"""

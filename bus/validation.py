@@ -10,8 +10,8 @@ is expected of it: its robots, its times, finite numbers. Any other is rejected 
 never mixed in.
 
 A wire of one process knows the bytes that it packed itself: those that come and are the very same,
-of which nothing but the numbers could be wrong, are not taken apart again. On it a worker that is
-alone may put the states of several ticks as one batch, that of the first.
+of which nothing but the numbers could be wrong, are not taken apart again. On it several ticks may
+be one batch, that of the first: the target's samples, and the states of a worker that is alone.
 """
 
 from collections import defaultdict
@@ -36,8 +36,8 @@ Records = NDArray[np.void]
 Nodes = NDArray[np.integer]
 
 _K = Struct("<I")
-_KEPT = 128
-"""Of how many ticks a wire knows the bytes that it packed."""
+_KEPT = 8
+"""How many batches a wire knows that it packed, of each kind and worker."""
 _WRONG = {"robot": "robot", "k": "tick", "time_ns": "time"}
 
 
@@ -67,6 +67,13 @@ class TickBlock:
     states: Records
     samples: Records
     """That it received: its own and the target's."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampleBlock:
+    """Samples of ticks that follow one another, of a worker that has one node."""
+
+    samples: Records
 
 
 def _nobody(_k: int) -> Nodes:
@@ -132,25 +139,32 @@ class Wire:
         return payload
 
     def pack_ahead(self, worker: str, records: Records) -> list[bytes]:
-        """Return the batches of the samples (ticks,) of a worker that has one node."""
-        key, size = wire_key(SAMPLES, worker), self.samples.size
-        data = records.tobytes()
-        packed, ks = np.frombuffer(data, records.dtype), records["k"].tolist()
-        knows = self._knows_own and _is_finite(self.samples, packed)
-        payloads = []
-        for row, k in enumerate(ks):
-            payload = self._signer.sign(key, _K.pack(k) + data[row * size : (row + 1) * size])
-            if knows and not self._silent(k).size:
-                self._keep(SAMPLES, worker, payload, (k, packed[row : row + 1]))
-            payloads.append(payload)
-        return payloads
+        """Return the batches of the samples (ticks,) of a worker that has one node.
+
+        They are one where all who put have this very object; see `unpack_each`.
+        """
+        key, ks = wire_key(SAMPLES, worker), records["k"].tolist()
+        if self._knows_own and not any(self._silent(k).size for k in ks):
+            payload = _K.pack(ks[0]) + records.tobytes()
+            packed = np.frombuffer(payload, records.dtype, offset=_K.size)
+            if _is_finite(self.samples, packed):
+                self._keep(SAMPLES, worker, payload, (ks[0], SampleBlock(packed)))
+                return [payload]
+        samples = zip(ks, records, strict=True)
+        return [self._signer.sign(key, _K.pack(k) + record.tobytes()) for k, record in samples]
+
+    def unpack_each(self, worker: str, payload: bytes) -> list[tuple[int, Records]]:
+        """Return k and the samples of each tick of a worker's batch; see `unpack_samples`."""
+        if (block := self.own_samples(worker, payload)) is not None:
+            return [(k, block[row : row + 1]) for row, k in enumerate(block["k"].tolist())]
+        return [self.unpack_samples(worker, payload)]
 
     def unpack_samples(self, worker: str, payload: bytes) -> tuple[int, Records]:
         """Return k and the samples (n,) that a worker put.
 
         `RejectedError` when they are not accepted. What two receive on one wire is judged once.
         """
-        if own := self._packed(SAMPLES, worker, payload):
+        if (own := self._packed(SAMPLES, worker, payload)) and not isinstance(own[1], SampleBlock):
             own_samples: tuple[int, Records] = own
             return own_samples
         known, accepted = self._accepted_last.get(worker, (b"", None))
@@ -192,10 +206,10 @@ class Wire:
         own = self._packed(RECORDS, worker, payload)
         return own[1] if own and isinstance(own[1], TickBlock) else None
 
-    def own_tick(self, worker: str, payload: bytes) -> int | None:
-        """Return k of a batch of samples that this very wire packed; None of any other."""
+    def own_samples(self, worker: str, payload: bytes) -> Records | None:
+        """Return the samples (ticks,) that this very wire packed as one batch, if so."""
         own = self._packed(SAMPLES, worker, payload)
-        return own[0] if own else None
+        return own[1].samples if own and isinstance(own[1], SampleBlock) else None
 
     def unpack_tick(self, worker: str, payload: bytes) -> tuple[int, Tick]:
         """Return k and a worker's records of it; `RejectedError` when they are not accepted."""
@@ -230,7 +244,7 @@ class Wire:
     def _keep(self, kind: str, worker: str, payload: bytes, accepted: tuple[int, Any]) -> None:
         own = self._own[kind, worker]
         own[accepted[0]] = payload, accepted
-        if len(own) > (_KEPT if worker == TARGET else 2):
+        if len(own) > _KEPT:
             del own[next(iter(own))]
 
     def _packed(self, kind: str, worker: str, payload: bytes) -> Any:

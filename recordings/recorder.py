@@ -6,88 +6,26 @@ batch is accepted only when it holds all that is expected of its worker. What is
 by its reason and passed over; what is said twice is kept once.
 """
 
-import json
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from os import PathLike
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import BusError
 from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, TARGET, kind_of
-from nrs_cosim.bus.messages import CHECKPOINT, HEADER, BlobType, Codec, MessageType
+from nrs_cosim.bus.messages import HEADER
 from nrs_cosim.bus.topics import Topics
 from nrs_cosim.bus.transport import Message
 from nrs_cosim.bus.validation import Records, RejectedError, Tick, TickBlock, Wire
 from nrs_cosim.recordings.mcap.columns import Columns
-from nrs_cosim.recordings.mcap.container import Channel, Schema
 from nrs_cosim.recordings.mcap.container import Message as Recorded
 from nrs_cosim.recordings.mcap.ordering import columns_of
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.units import field_unit
-
-
-def channels(
-    codecs: Codecs,
-    n: int,
-    faulty: Collection[int],
-    checkpoints: bool,
-    plants: Sequence[Mapping[str, Any]] = (),
-    measuring: Iterable[int] = (),
-) -> list[Channel]:
-    """Return the channels of n robots and the target, with what `plants` tell of the robots.
-
-    They are of the message types that `codecs` code; those of agent states only if there are any,
-    and those of measurements for the robots that are `measuring` at some time. Those of link
-    events, for robots whose links may do anything to samples, and those of checkpoints, if there
-    are any, do not enter the digest. What is told of a plant is told where all robots have it.
-    """
-    topics, robots = Topics.of_run(n), range(1, n + 1)
-    of = {robot: plant for plant in plants for robot in plant["robots"]}
-
-    def of_kind(kind: str, codec: Codec, nodes: Iterable[int], counted: bool) -> Iterator[Channel]:
-        for topic, shared_by in topics.each(kind, sorted(nodes)):
-            first = of.get(shared_by[0])
-            plant = first if all(of.get(node) is first for node in shared_by) else None
-            yield Channel(topic, codec.kind.name, counted, _joints(plant, codec.kind))
-
-    found = [*of_kind("sample", codecs.samples, range(n + 1), True)]
-    found += of_kind("state", codecs.states, robots, True)
-    of_agents = {"agent_state": robots, "measurement": measuring}
-    for kind, codec in codecs.of_agents.items():
-        found += of_kind(kind, codec, of_agents[kind], True)
-    found += of_kind("link_event", codecs.link_events, faulty, False)
-    if checkpoints:
-        found += [
-            Channel(topic, CHECKPOINT.name, counted=False)
-            for topic in topics.all_of("checkpoint", robots)
-        ]
-    return found
-
-
-def _joints(plant: Mapping[str, Any] | None, kind: MessageType) -> dict[str, str]:
-    """Return a channel's metadata: the joints' names, each vector's units, FMU and drive."""
-    if plant is None:
-        return {}
-    units = [joint["unit"] for joint in plant["joints"]]
-    metadata = {"joints": json.dumps([joint["name"] for joint in plant["joints"]])}
-    for name, of in kind.fields.items():
-        by_joint = [field_unit(name, of, unit) for unit in units]
-        metadata[f"unit.{name}"] = json.dumps(by_joint if "m" in of.shape else of.unit or "")
-    return metadata | {"fmu": plant["fmu"], "drive": plant["drive"]}
-
-
-def schemas(used_by: Iterable[Channel], codecs: Codecs) -> list[Schema]:
-    """Return the protobuf schemas of some channels, of messages that `codecs` code."""
-    used = {channel.schema_name for channel in used_by}
-    kinds: tuple[MessageType | BlobType, ...] = (*codecs.types, CHECKPOINT)
-    return [Schema(kind.name, kind.descriptor()) for kind in kinds if kind.name in used]
-
 
 _NONE = 0
 """No channel has this number."""
@@ -168,37 +106,20 @@ class Recorder:
         Raises `BusError` when a worker says a tick again, and not in the same words.
         """
         kind, _, worker = message.key.partition("/")
-        if kind == RECORDS and (block := self._wire.own_block(worker, message.payload)):
-            new = block.first > self.closed and block is not self._block
-            self._block = block if new else self._block
-            self.taken += new
-            self.repeated += not new
+        if kind not in {SAMPLES, RECORDS}:
+            self.rejected["key"] += 1
             return
         try:
             if kind == SAMPLES:
-                k, samples = self._wire.unpack_samples(worker, message.payload)
-            elif kind == RECORDS:
-                k, tick = self._wire.unpack_tick(worker, message.payload)
+                new = self._is_new(worker, self._wire.unpack_each(worker, message.payload))
+            elif block := self._wire.own_block(worker, message.payload):
+                new = block.first > self.closed and block is not self._block
+                self._block = block if new else self._block
             else:
-                self.rejected["key"] += 1
-                return
+                new = self._is_new_tick(worker, *self._wire.unpack_tick(worker, message.payload))
         except RejectedError as error:
             self.rejected[str(error)] += 1
             return
-        if kind == RECORDS and not self._has_channels(tick):
-            self.rejected["topic"] += 1
-            return
-        if k <= self.closed:
-            new = False
-        elif kind == SAMPLES:
-            new = worker not in self._open[k].samples
-            first = self._open[k].samples.setdefault(worker, samples)
-            self._expect_same(k, worker, first is samples or first.tobytes() == samples.tobytes())
-        else:
-            new = worker not in self._open[k].ticks
-            known = self._open[k].ticks.setdefault(worker, tick)
-            same = known is tick or _same(known, tick)
-            self._expect_same(k, worker, same)
         self.taken += new
         self.repeated += not new
 
@@ -316,6 +237,30 @@ class Recorder:
     def _checkpoint(self, message: bytes) -> Recorded:
         robot, k, time_ns = HEADER.unpack_from(message)
         return time_ns, self._topics.of("checkpoint", robot), k, message
+
+    def _is_new(self, worker: str, each: Iterable[tuple[int, Records]]) -> bool:
+        """Keep a worker's samples of some ticks; return whether any of these was not known yet."""
+        new = False
+        for k, samples in each:
+            if k > self.closed:
+                of_tick = self._open[k].samples
+                new |= worker not in of_tick
+                first = of_tick.setdefault(worker, samples)
+                same = first is samples or first.tobytes() == samples.tobytes()
+                self._expect_same(k, worker, same)
+        return new
+
+    def _is_new_tick(self, worker: str, k: int, tick: Tick) -> bool:
+        """Keep what else a worker told of a tick; return whether that was not known yet."""
+        if not self._has_channels(tick):
+            raise RejectedError("topic")
+        if k <= self.closed:
+            return False
+        ticks = self._open[k].ticks
+        new = worker not in ticks
+        known = ticks.setdefault(worker, tick)
+        self._expect_same(k, worker, known is tick or _same(known, tick))
+        return new
 
     def _has_channels(self, tick: Tick) -> bool:
         """Return whether what not every run has is of this one."""

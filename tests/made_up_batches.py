@@ -10,7 +10,8 @@ from nrs_cosim.bus.messages import CHECKPOINT, Blob
 from nrs_cosim.bus.signature import Signer
 from nrs_cosim.bus.transport import Message
 from nrs_cosim.bus.validation import Tick, Wire
-from nrs_cosim.recordings.recorder import Recorder, channels
+from nrs_cosim.recordings.channels import channels
+from nrs_cosim.recordings.recorder import Recorder
 
 M, H = 2, 100_000_000
 ROBOTS = {"left": 1, "right": 2}

@@ -21,9 +21,9 @@ from nrs_cosim.plant_fmu.archives.archive import find_archive
 from nrs_cosim.plant_fmu.bundled.builder import try_compiler
 from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.checking.subprocess_check import check
+from nrs_cosim.recordings.channels import channels, schemas
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
-from nrs_cosim.recordings.recorder import channels, schemas
 
 MODEL = "two_link_arm"
 

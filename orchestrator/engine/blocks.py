@@ -50,15 +50,15 @@ class Blocks:
         self._put_samples = bus.publisher(self._own)
         self._put_records = bus.publisher(wire_key(RECORDS, worker.name))
         self._ahead: dict[int, bytes] = {}
-        """The target's samples that came before their time, by k."""
+        """The target's records that came before their time, by k."""
         self._failure: Exception | None = None
 
     def does(self, k: int) -> bool:
         """Return whether tick k can be of a block; if not, let the worker have what came for it."""
         if k and not self._worker.is_checkpoint(k):
             return True
-        for payload in self._ahead.values():
-            self._ears.add(Message(self._target, payload))
+        for tick, record in self._ahead.items():
+            self._ears.add(Message(self._target, tick.to_bytes(4, "little") + record))
         self._ahead.clear()
         return False
 
@@ -92,7 +92,7 @@ class Blocks:
         self._put_records(self._wire.pack_block(self._worker.name, block))
 
     def _do(self, k: int, place: int, watch: Watch) -> tuple[bytes, bytes]:
-        """Do a tick, which has a place in its block; return its samples: the target's, its own."""
+        """Do a tick, which has a place in its block; return its records: the target's, its own."""
         worker, tick, times = self._worker, self._tick, self._clock.outputs(k)
         worker.now = k
         reached = held = self._clock.t(k - 1)
@@ -115,10 +115,10 @@ class Blocks:
         self._put_samples(samples)
         target = self._received(k, samples)
         tick.jump(k, target, samples)
-        return target[4:], samples[4:]
+        return target, samples[4:]
 
     def _received(self, k: int, samples: bytes) -> bytes:
-        """Take what came until what was put is among it; return the target's sample of t_k."""
+        """Take what came until what was put is among it; return the target's record of t_k."""
         own = False
         for item in self._inbox.take():
             if isinstance(item, Message):
@@ -126,14 +126,25 @@ class Blocks:
                 if key == self._own and payload == samples and not own:
                     own = True
                     continue
-                of = self._wire.own_tick(TARGET, payload) if key == self._target else None
-                if of is not None and of >= k and of not in self._ahead:
-                    self._ahead[of] = payload
+                if key == self._target and self._keeps(k, payload):
                     continue
             self._ears.add(item)
         target = self._ahead.pop(k, None)
         if target is None and (records := self._worker.target_ahead(k)) is not None:
-            target = k.to_bytes(4, "little") + records.tobytes()
+            target = records.tobytes()
         if not own or target is None:
             raise BusError(f"tick {k}: no samples came from {TARGET if own else self._worker.name}")
         return target
+
+    def _keeps(self, k: int, payload: bytes) -> bool:
+        """Return whether a batch has the target's samples of t_k or later, and nobody had them."""
+        samples = self._wire.own_samples(TARGET, payload)
+        if samples is None:
+            return False
+        first, size = int(samples["k"][0]), self._wire.samples.size
+        if first < k or first in self._ahead:
+            return False
+        data = samples.tobytes()
+        for row in range(len(samples)):
+            self._ahead[first + row] = data[row * size : (row + 1) * size]
+        return True

@@ -36,11 +36,12 @@ from nrs_cosim.orchestrator.engine.summary import told_of
 from nrs_cosim.orchestrator.engine.worker import Spent, Watch, needed
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.recordings.channels import channels, schemas
 from nrs_cosim.recordings.mcap.container import Closing, Compression, Message
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.metadata import ASSETS, CAUSE, REJECTED, RUN, SAMPLES, SPENT, VERSIONS
-from nrs_cosim.recordings.recorder import Recorder, channels, schemas
+from nrs_cosim.recordings.recorder import Recorder
 from nrs_cosim.recordings.schemas import fields_record
 
 _PARTS = ("nrs-cosim", "eclipse-zenoh", "fmpy", "mcap", "numpy", "scipy")

@@ -258,9 +258,10 @@ class Worker:
         if not isinstance(item, Message) or not (worker := self._keys.get(item.key)):
             return listening.handle(item)
         try:
-            return [(*self._wire.unpack_samples(worker, item.payload), worker)]
+            each = self._wire.unpack_each(worker, item.payload)
         except RejectedError:
             return ()
+        return [(k, records, worker) for k, records in each]
 
     def _keep(self, now: int, received: Iterable[ReceivedSamples]) -> None:
         """Keep the samples of this tick and later ones."""

@@ -40,11 +40,12 @@ from nrs_cosim.orchestrator.replay.difference import (
 )
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.plant_fmu.plants import Array
+from nrs_cosim.recordings.channels import channels
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.container import Message as Recorded
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.recorder import Recorder, channels
+from nrs_cosim.recordings.recorder import Recorder
 from nrs_cosim.recordings.schemas import (
     KINDS,
     about,

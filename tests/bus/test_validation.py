@@ -451,3 +451,46 @@ def test_in_one_process_own_batches_are_refused_for_their_numbers_and_for_the_si
         wire.unpack_samples(WORKER, wire.pack_samples(WORKER, K, infinite))
     with pytest.raises(RejectedError, match="size"):
         wire.unpack_samples(WORKER, wire.pack_samples(WORKER, K + 1, samples_of(wire, K + 1)))
+
+
+def target_samples(wire, ticks):
+    """Return the target's samples of some ticks, one after another."""
+    return np.concatenate([samples_of(wire, k, robots=[0]) for k in ticks])
+
+
+def each(wire, payloads):
+    """Return the target's samples as they are accepted, by tick."""
+    accepted = [pair for payload in payloads for pair in wire.unpack_each(TARGET, payload)]
+    return [(k, records.tobytes()) for k, records in accepted]
+
+
+def test_in_one_process_the_targets_samples_of_some_ticks_are_one_batch():
+    wire, other = in_one_process(), new_wire(Signer())
+    records = target_samples(wire, range(1, TICKS))
+    (payload,) = wire.pack_ahead(TARGET, records)
+    expected = [(k, records[k - 1].tobytes()) for k in range(1, TICKS)]
+    assert (
+        each(wire, [bytes(payload)]) == each(other, other.pack_ahead(TARGET, records)) == expected
+    )
+    assert wire.own_samples(TARGET, payload).tobytes() == records.tobytes()
+    moved = payload[:-1] + bytes([payload[-1] ^ 1])
+    for strange in (moved, payload[:-1], other.pack_ahead(TARGET, records)[0]):
+        assert wire.own_samples(TARGET, strange) is None
+    for strange in (moved, payload[:-1]):
+        with pytest.raises(RejectedError, match="size"):
+            wire.unpack_each(TARGET, strange)
+
+
+def test_in_one_process_the_targets_samples_travel_one_by_one_where_one_may_be_refused():
+    wire = in_one_process(silent=lambda k: np.array([0] if k == 2 else [], np.int64))
+    records = target_samples(wire, (1, 2, 3))
+    first, refused, last = wire.pack_ahead(TARGET, records)
+    assert [k for k, _ in each(wire, [first, last])] == [1, 3]
+    with pytest.raises(RejectedError, match="size"):
+        wire.unpack_each(TARGET, refused)
+    wire = in_one_process()
+    records["velocity"][1, 0] = np.nan
+    first, refused, last = wire.pack_ahead(TARGET, records)
+    assert [k for k, _ in each(wire, [first, last])] == [1, 3]
+    with pytest.raises(RejectedError, match="value"):
+        wire.unpack_each(TARGET, refused)

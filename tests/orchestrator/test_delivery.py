@@ -21,7 +21,8 @@ from nrs_cosim.orchestrator.engine.in_process import InProcess
 from nrs_cosim.orchestrator.engine.lockstep import Lockstep, TargetNode
 from nrs_cosim.orchestrator.engine.robots import Robots
 from nrs_cosim.orchestrator.scenario.tables import algorithms
-from nrs_cosim.recordings.recorder import Recorder, channels
+from nrs_cosim.recordings.channels import channels
+from nrs_cosim.recordings.recorder import Recorder
 from tests.scenarios import SHORT, paper
 
 

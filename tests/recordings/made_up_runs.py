@@ -11,10 +11,10 @@ from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import topic_of
 from nrs_cosim.bus.messages import Codec
+from nrs_cosim.recordings.channels import channels, schemas
 from nrs_cosim.recordings.mcap.container import Channel, Message
 from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.metadata import RUN
-from nrs_cosim.recordings.recorder import channels, schemas
 from nrs_cosim.recordings.schemas import fields_record
 from tests.scenarios import tables, toml
 

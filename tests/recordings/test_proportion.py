@@ -23,6 +23,7 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes
 from nrs_cosim.bus.keys import topic_of
 from nrs_cosim.bus.messages import HEADER
+from nrs_cosim.recordings.channels import channels, schemas
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.input_tables import csv_columns
 from nrs_cosim.recordings.mcap import writer as writer_module
@@ -37,7 +38,6 @@ from nrs_cosim.recordings.mcap.container import (
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.metadata import RUN
-from nrs_cosim.recordings.recorder import channels, schemas
 from nrs_cosim.recordings.schemas import fields_record
 from tests.recordings.made_up_runs import about, chain, create, recorded, tick
 from tests.scenarios import toml

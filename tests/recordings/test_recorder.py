@@ -9,7 +9,7 @@ from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import EVERYONE, TARGET, topic_of, wire_key
 from nrs_cosim.bus.transport import Message
 from nrs_cosim.recordings import recorder as module
-from nrs_cosim.recordings.recorder import channels
+from nrs_cosim.recordings.channels import channels
 from tests.made_up_batches import H, recorder_of, samples, tick_batch, whole, wire_of
 
 TICKS = 40

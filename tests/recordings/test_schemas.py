@@ -18,12 +18,12 @@ from nrs_cosim.bus.keys import kind_of
 from nrs_cosim.bus.messages import LINK_EVENT, SAMPLE, STATE, MessageType
 from nrs_cosim.bus.schemas import SchemaError, message_type
 from nrs_cosim.recordings import LINK_EVENTS, Recording
+from nrs_cosim.recordings.channels import channels
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.export.formats import export
 from nrs_cosim.recordings.mcap.container import Message, Schema
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
-from nrs_cosim.recordings.recorder import channels
 from nrs_cosim.recordings.schemas import FIELDS, fields_record
 from tests.recordings.made_up_runs import about, chain, create, recorded, tick
 from tests.scenarios import toml

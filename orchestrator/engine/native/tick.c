@@ -256,10 +256,10 @@ static void take(const Tick *tick, size_t node, const unsigned char *record)
     memcpy(tick->sent_velocity + node * m, record + tick->at_velocity, bytes);
 }
 
-/* The batches of the target's sample, and of all robots': k, and the records. */
+/* The target's record, and the batch of all robots' samples: k, and the records. */
 EXPORTED void receive(const Tick *tick, const unsigned char *target, const unsigned char *robots)
 {
-    take(tick, 0, target + sizeof(uint32_t));
+    take(tick, 0, target);
     for (size_t row = 0; row < tick->state->rows; ++row)
         take(tick, (size_t)tick->robots[row], robots + sizeof(uint32_t) + row * tick->size);
 }

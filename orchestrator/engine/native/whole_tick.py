@@ -171,7 +171,7 @@ class WholeTick:
         return how == _FINE
 
     def jump(self, k: int, target: bytes, robots: bytes) -> None:
-        """Let the agents receive the samples of t_k, as batches, and jump.
+        """Let the agents receive the target's record of t_k and the batch of all others', and jump.
 
         `AlgorithmError` as `Agents.jump`.
         """
