@@ -8,7 +8,6 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from importlib.metadata import version
-from itertools import groupby
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -39,6 +38,7 @@ from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.channels import channels, schemas
 from nrs_cosim.recordings.mcap.container import Closing, Compression, Message
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.mcap.ticks import ticks
 from nrs_cosim.recordings.mcap.writer import Writer
 from nrs_cosim.recordings.metadata import ASSETS, CAUSE, REJECTED, RUN, SAMPLES, SPENT, VERSIONS
 from nrs_cosim.recordings.recorder import Recorder
@@ -216,13 +216,7 @@ def _placed(cause: Cause, clock: Clock, recorder: Recorder) -> Cause:
 
 def past_of(reader: Reader) -> Iterator[list[Message]]:
     """Yield the messages of a recording's ticks from 0 on, up to the first that is missing."""
-    k = 0
-    for batch in reader.batches():
-        for sequence, tick in groupby(batch, lambda message: message[2]):
-            if sequence != k:
-                return
-            yield list(tick)
-            k += 1
+    return (tick.messages(reader.topics) for tick in ticks(reader))
 
 
 def needs_of(

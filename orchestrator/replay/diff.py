@@ -17,15 +17,15 @@ import numpy as np
 
 from nrs_cosim.bus.messages import Codec
 from nrs_cosim.orchestrator.engine.summary import experiment_of
-from nrs_cosim.orchestrator.replay.difference import ABSENT, Difference, difference_in
+from nrs_cosim.orchestrator.replay.difference import ABSENT, Difference, Pairs, difference_in
 from nrs_cosim.orchestrator.replay.distances import Array, Distance, Distances
 from nrs_cosim.orchestrator.scenario.assets import Asset
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import tables_of
 from nrs_cosim.recordings.export.tables import AGENT_STATES, STATES, joints, robots, rows_of
-from nrs_cosim.recordings.mcap.columns import MANY, Columns, rows_at
-from nrs_cosim.recordings.mcap.container import Message
+from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.mcap.ticks import consecutive
 from nrs_cosim.recordings.schemas import contents_of, recorded_types
 
 MEASURED = {STATES: "", AGENT_STATES: "agent_"}
@@ -101,10 +101,10 @@ def compare(a: Reader, b: Reader, curves: int = 0) -> Comparison:
         for table, names in common.items()
         if names and same_joints
     }
-    pair_in = _Pairs(a, b)
+    pairs = Pairs(a.topics, b.topics)
     for in_a, in_b in _together(a, b):
-        if first is None and (pair := pair_in(in_a, in_b)):
-            first = difference_in(of_a, of_b, *pair)
+        if first is None and (row := pairs.first(in_a, in_b)) is not None:
+            first = difference_in(of_a, of_b, *pairs.at(in_a, in_b, row))
             if not (len(in_a.time) and len(in_b.time)):
                 here, name = (in_a, "B") if len(in_a.time) else (in_b, "A")
                 ends = name, int(here.sequence[0]) - 1
@@ -143,17 +143,8 @@ def _counted(reader: Reader) -> Iterator[Columns]:
     """Yield the messages that enter the digest, of the ticks from 0 to the first missing one."""
     counted = {channel.topic for channel in reader.channels if channel.counted}
     numbers = [number for number, topic in reader.topics.items() if topic in counted]
-    last = -1
-    for messages in reader.columns():
-        steps = np.diff(messages.sequence.astype(np.int64), prepend=last)
-        wrong = (steps < 0) | (steps > 1)
-        wrong[0] |= steps[0] == 0
-        here = messages.only(np.cumsum(wrong) == 0).on(numbers)
-        if len(here.time):
-            yield here
-        if wrong.any():
-            return
-        last = int(messages.sequence[-1])
+    found = (messages.on(numbers) for messages in consecutive(reader))
+    return (messages for messages in found if len(messages.time))
 
 
 def _together(a: Reader, b: Reader) -> Iterator[tuple[Columns, Columns]]:
@@ -167,43 +158,6 @@ def _together(a: Reader, b: Reader) -> Iterator[tuple[Columns, Columns]]:
         rest_a, rest_b = (rest.only(rest.sequence > last) for rest in (rest_a, rest_b))
         rest_a = rest_a if len(rest_a.time) else next(more_a)
         rest_b = rest_b if len(rest_b.time) else next(more_b)
-
-
-class _Pairs:
-    """Finds the first messages of two recordings that are not the same."""
-
-    def __init__(self, a: Reader, b: Reader) -> None:
-        self._topics = a.topics, b.topics
-        names = sorted({*a.topics.values(), *b.topics.values()})
-        place = {topic: number for number, topic in enumerate(names)}
-        self._place = np.zeros((2, MANY), np.intp)
-        for places, topics in zip(self._place, self._topics, strict=True):
-            places[[*topics]] = [place[topic] for topic in topics.values()]
-
-    def __call__(self, a: Columns, b: Columns) -> tuple[Message | None, Message | None] | None:
-        """Return the first that differ, None of one that ends before; None where all are equal."""
-        both = min(len(a.time), len(b.time))
-        rows = np.arange(both)
-        one, other = a.at(rows), b.at(rows)
-        sizes = one.stop - one.start
-        same = (one.time == other.time) & (one.sequence == other.sequence)
-        same &= self._place[0][one.channel] == self._place[1][other.channel]
-        same &= sizes == other.stop - other.start
-        for size in np.unique(sizes[same]).tolist():
-            here = np.flatnonzero(same & (sizes == size))
-            if size:
-                mine, theirs = (rows_at(of.data, of.start[here], size) for of in (one, other))
-                same[here] = mine == theirs
-        differ = np.flatnonzero(~same)
-        if not len(differ) and len(a.time) == len(b.time):
-            return None
-        row = int(differ[0]) if len(differ) else both
-        found = (
-            part.at(np.array([row])).messages(topics)[0] if row < len(part.time) else None
-            for part, topics in zip((a, b), self._topics, strict=True)
-        )
-        was, now = found
-        return was, now
 
 
 def _fields_of(a: Experiment, b: Experiment) -> dict[str, tuple[Any, Any]]:

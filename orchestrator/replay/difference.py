@@ -4,10 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.keys import kind_of
 from nrs_cosim.bus.messages import HEADER, Codec
 from nrs_cosim.bus.text import quoted
+from nrs_cosim.recordings.mcap.columns import MANY, Columns, rows_at
 from nrs_cosim.recordings.mcap.container import Message as Recorded
 
 ABSENT, PRESENT = "absent", "present"
@@ -39,6 +42,45 @@ class Difference:
             f"tick {self.k}, t = {self.t:g} s: {self.topic}, {self.field} of robot {self.robot} "
             f"is {seen}"
         )
+
+
+class Pairs:
+    """Finds the first messages that are not the same, both in total order."""
+
+    def __init__(self, a: Mapping[int, str], b: Mapping[int, str]) -> None:
+        """Know the topics of both by the numbers of their channels."""
+        self._topics = a, b
+        names = sorted({*a.values(), *b.values()})
+        place = {topic: number for number, topic in enumerate(names)}
+        self._place = np.zeros((2, MANY), np.intp)
+        for places, topics in zip(self._place, self._topics, strict=True):
+            places[[*topics]] = [place[topic] for topic in topics.values()]
+
+    def first(self, a: Columns, b: Columns) -> int | None:
+        """Return the first row that is not the same, or one alone has; None where there is none."""
+        both = min(len(a.time), len(b.time))
+        rows = np.arange(both)
+        one, other = a.at(rows), b.at(rows)
+        sizes = one.stop - one.start
+        same = (one.time == other.time) & (one.sequence == other.sequence)
+        same &= self._place[0][one.channel] == self._place[1][other.channel]
+        same &= sizes == other.stop - other.start
+        for size in np.unique(sizes[same]).tolist():
+            here = np.flatnonzero(same & (sizes == size))
+            if size:
+                mine, theirs = (rows_at(of.data, of.start[here], size) for of in (one, other))
+                same[here] = mine == theirs
+        differ = np.flatnonzero(~same)
+        if len(differ):
+            return int(differ[0])
+        return both if len(a.time) != len(b.time) else None
+
+    def at(self, a: Columns, b: Columns, row: int) -> list[Recorded | None]:
+        """Return the messages of a row, None of one that has ended before."""
+        return [
+            part.at(np.array([row])).messages(topics)[0] if row < len(part.time) else None
+            for part, topics in zip((a, b), self._topics, strict=True)
+        ]
 
 
 def difference_in(

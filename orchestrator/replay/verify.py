@@ -9,7 +9,6 @@ the agents alone are: the robots' own q, q̇ and τ are then taken as recorded.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
-from itertools import zip_longest
 from os import PathLike
 from typing import Any, Literal, Never
 
@@ -17,7 +16,7 @@ import numpy as np
 
 from nrs_cosim.bus.clock import Clock, seconds
 from nrs_cosim.bus.codecs import Codecs
-from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.errors import BusError, InputError
 from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, kind_of, wire_key
 from nrs_cosim.bus.memory_bus import MemoryBus, MemoryInbox
 from nrs_cosim.bus.messages import Codec
@@ -29,12 +28,12 @@ from nrs_cosim.bus.validation import Records
 from nrs_cosim.orchestrator.engine.lockstep import TargetNode
 from nrs_cosim.orchestrator.engine.plants import Find, find_recorded
 from nrs_cosim.orchestrator.engine.robots import Robots, wire_of
-from nrs_cosim.orchestrator.engine.run import past_of
 from nrs_cosim.orchestrator.engine.worker import ReceivedSamples
 from nrs_cosim.orchestrator.replay.difference import (
     ABSENT,
     PRESENT,
     Difference,
+    Pairs,
     difference_in,
     node_of,
 )
@@ -43,8 +42,11 @@ from nrs_cosim.plant_fmu.plants import Array
 from nrs_cosim.recordings.channels import channels
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.columns import Columns
+from nrs_cosim.recordings.mcap.container import DamageError
 from nrs_cosim.recordings.mcap.container import Message as Recorded
+from nrs_cosim.recordings.mcap.ordering import concatenated, order, ranks
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.mcap.ticks import ticks
 from nrs_cosim.recordings.recorder import Recorder
 from nrs_cosim.recordings.schemas import (
     KINDS,
@@ -147,18 +149,19 @@ class _Kept:
     path: str | PathLike[str] = ""
 
     def __init__(self, codecs: Codecs, n: int) -> None:
-        self.tick: list[Recorded] = []
         robots = range(1, n + 1)
         found = channels(codecs, n, robots, checkpoints=True, measuring=robots)
-        self._topics = dict(enumerate((channel.topic for channel in found), 1))
-        self.numbers = {topic: number for number, topic in self._topics.items()}
+        self.topics = dict(enumerate((channel.topic for channel in found), 1))
+        self.numbers = {topic: number for number, topic in self.topics.items()}
+        self._rank, self._said = ranks(self.topics), _said(self.topics)
 
     def flush(self) -> None:
         """Do nothing: nothing is written."""
 
     def put(self, tick: Sequence[Columns]) -> None:
-        """Take a tick, and forget the one before."""
-        self.tick = sorted(message for part in tick for message in part.messages(self._topics))
+        """Take what a tick says of the run, and forget the one before."""
+        said = concatenated(tick).on(self._said)
+        self.tick = said.at(order(said, self._rank))
 
 
 def verify(reader: Reader, experiment: Experiment, *, plants: bool) -> Verification:
@@ -166,9 +169,9 @@ def verify(reader: Reader, experiment: Experiment, *, plants: bool) -> Verificat
 
     It ends before a tick that is missing: there is no going on without it.
     """
-    if next(past_of(reader), None) is None:
-        return Verification(-1, 0, None, _unseen(reader, -1), _missing(reader))
     clock, n, m = experiment.clock, experiment.n, experiment.m
+    if next(ticks(reader), None) is None:
+        return Verification(-1, 0, None, _unseen(reader, clock, -1), _missing(reader))
     numbers, codecs = range(1, n + 1), expect_same_types(reader, experiment)
     topics = Topics.among(reader.topics.values(), n)
     with ExitStack() as stack, np.errstate(all="ignore"):
@@ -186,29 +189,35 @@ def verify(reader: Reader, experiment: Experiment, *, plants: bool) -> Verificat
         kept, received = _Kept(experiment.codecs, n), _Samples()
         recorder = Recorder(kept, wire, n, 0)
         worker = robots.worker(HERE, bus, MemoryInbox(), wire)
-        ticks = worker.run(-1, lambda _time: None, received)
+        steps = worker.run(-1, lambda _time: None, received)
+        said, sample = _said(reader.topics), recorded_types(reader).channels["sample"]
+        pairs = Pairs(reader.topics, kept.topics)
         same, k = 0, -1
-        for k, all_of_it in enumerate(past_of(reader)):
-            recorded = _said(all_of_it)
-            if not plants and (absent := _absent_state(recorded, clock, k, topics)):
-                return Verification(k - 1, same, absent, _unseen(reader, k - 1), _missing(reader))
-            received.now = _records(wire.samples, "sample", recorded)
+        for k, tick in enumerate(ticks(reader)):
+            recorded = tick.on(said)
+            if not plants and (
+                absent := _absent_state(recorded.messages(reader.topics), clock, k, topics)
+            ):
+                return Verification(
+                    k - 1, same, absent, _unseen(reader, clock, k - 1), _missing(reader)
+                )
+            received.now = _records(reader, wire.samples, recorded.on(sample))
             target.publish_until(k)
-            next(ticks)
+            next(steps)
             for item in ear.take():
                 if isinstance(item, Message):
                     recorder.take(item)
             recorder.close(k)
-            for was, now in zip_longest(recorded, _said(kept.tick)):
-                if was != now:
-                    return Verification(k, same, difference_in(codecs, codecs, was, now))
-                same += 1
-    return Verification(k, same, None, _unseen(reader, k), _missing(reader))
+            if (row := pairs.first(recorded, kept.tick)) is not None:
+                pair = pairs.at(recorded, kept.tick, row)
+                return Verification(k, same + row, difference_in(codecs, codecs, *pair))
+            same += len(recorded.time)
+    return Verification(k, same, None, _unseen(reader, clock, k), _missing(reader))
 
 
 def _absent_state(tick: list[Recorded], clock: Clock, k: int, topics: Topics) -> Difference | None:
     """Return the first state of tick k that is not there, without which its robot does nothing."""
-    there = {(message[0], node_of(message)) for message in tick if _kind(message) == "state"}
+    there = {(message[0], node_of(message)) for message in tick if kind_of(message[1]) == "state"}
     for time_ns in clock.outputs(k):
         for robot in range(1, topics.n + 1):
             if (time_ns, robot) not in there:
@@ -234,11 +243,10 @@ def expect_states(reader: Reader, clock: Clock, n: int) -> None:
                 )
 
 
-def _unseen(reader: Reader, k: int) -> int:
+def _unseen(reader: Reader, clock: Clock, k: int) -> int:
     """Return how many messages of the run are here of ticks after tick k."""
-    numbers = [number for number, topic in reader.topics.items() if kind_of(topic) in KINDS]
-    parts = (columns.on(numbers) for columns in reader.columns())
-    return sum(int(np.count_nonzero(part.sequence.astype(np.int64) > k)) for part in parts)
+    said, start_ns = _said(reader.topics), clock.t(k) + 1 if k >= 0 else 0
+    return sum(len(part.on(said).time) for part in reader.columns(start_ns=start_ns))
 
 
 def _missing(reader: Reader) -> int | None:
@@ -274,18 +282,18 @@ def expect_same_types(reader: Reader, experiment: Experiment) -> Mapping[str, Co
 
 def states_of(reader: Reader) -> Iterator[Records]:
     """Yield a recording's states by tick, from 0 on."""
-    codec = recorded_types(reader).codecs["state"]
-    return (_records(codec, "state", tick) for tick in past_of(reader))
+    types = recorded_types(reader)
+    codec, numbers = types.codecs["state"], types.channels["state"]
+    return (_records(reader, codec, tick.on(numbers)) for tick in ticks(reader))
 
 
-def _records(codec: Codec, kind: str, tick: list[Recorded]) -> Records:
-    return codec.decode([message[3] for message in tick if _kind(message) == kind])
+def _records(reader: Reader, codec: Codec, messages: Columns) -> Records:
+    try:
+        return codec.parsed(messages.payloads(codec.size))
+    except (BusError, DamageError) as error:
+        raise UnreadableError(f"{reader.path}: {error}") from error
 
 
-def _said(tick: list[Recorded]) -> list[Recorded]:
-    """Return what a tick says of the run; checkpoints are the plants' own affair."""
-    return [message for message in tick if _kind(message) in KINDS]
-
-
-def _kind(message: Recorded) -> str:
-    return kind_of(message[1])
+def _said(topics: Mapping[int, str]) -> list[int]:
+    """Return the channels that say something of the run; checkpoints are the plants' own affair."""
+    return [number for number, topic in topics.items() if kind_of(topic) in KINDS]

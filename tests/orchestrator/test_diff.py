@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from nrs_cosim.bus.fields import Sizes
-from nrs_cosim.bus.keys import node_of
 from nrs_cosim.bus.messages import STATE, Codec
 from nrs_cosim.orchestrator.replay.diff import compare
 from nrs_cosim.recordings.mcap import writer as writer_module
@@ -16,6 +15,7 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from tests.cases import cases
 from tests.command import nrs
 from tests.recordings.made_up_runs import create, tick
+from tests.topics import node_of
 
 N, M, TICKS = 5, 2, 12
 CODEC = Codec(STATE, Sizes(M))
