@@ -2,8 +2,11 @@
 
 At t_k an engine hands the outputs of all, which are left limits, to the inputs of all; each agent
 jumps as the step from t_k begins. So one exchange a step is enough, in whatever order FMUs are
-stepped. What is not of this kind is refused: samples that a link alters, an algorithm that does
-more than jump linearly, and plants whose equations are another's.
+stepped. Digraphs in turn, and one for velocities apart, are weights that the agents have by k: the
+connections are those of all. A target that is no sum of sines is its samples. What is not of this
+kind is refused: samples that a link alters, for what is drawn at each t_k would be a table as long
+as the run; sampling times that no equal steps meet; an algorithm that does more than jump linearly;
+and plants whose equations are another's.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,7 +20,7 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
-from nrs_cosim.bus.topology import Topology
+from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.estimator_agents.algorithm import Algorithm, jumps
 from nrs_cosim.estimator_agents.target import Harmonic
 from nrs_cosim.estimator_agents.theory.recursion import linear_jump
@@ -26,9 +29,11 @@ from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.plant_fmu.bundled.declaration import Declaration, bundled_models
 from nrs_cosim.plant_fmu.bundled.model_description import element_names
 from nrs_cosim.plant_fmu.bundled.sampled import (
+    SAMPLE,
     Built,
     build_agent,
     build_robot,
+    build_sampled_target,
     build_target,
     built_equations,
     bundled_equations,
@@ -41,9 +46,10 @@ from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
 from nrs_cosim.plant_fmu.plants import Body
 
 Array = NDArray[np.float64]
-SAMPLE = ("position", "velocity")
 STATE = ("q", "qd")
 RECEIVED = tuple(f"received_{sample}" for sample in SAMPLE)
+MOST_DIGRAPHS = 100
+"""In turn, of which an agent has the weights: two numbers for each and each in-neighbour."""
 STARTS = {name: f"{name}_start" for name in (*SAMPLE, *STATE)}
 
 
@@ -83,22 +89,20 @@ def system_of(experiment: Experiment, ticks: int) -> System:
     _expect_none(_wrong(experiment), experiment.name)
     jump = linear_jump(experiment.algorithm)
     assert jump is not None
-    clock, target = experiment.clock, experiment.target
+    clock, schedule = experiment.clock, experiment.topologies
     assert clock.period is not None
-    assert isinstance(target, Harmonic)
-    graph = experiment.topologies.links
     names = node_names(experiment.n)
     groups = {row + 1: group for group in group_by_archive(experiment) for row in group.rows}
     unit = groups[1].joints(experiment.bodies([1])[0].parameters)[0].unit
     whole = len({joint.unit for g in groups.values() for joint in g.joints()}) == 1
-    components = [_target(names[0], target, unit if whole else "")]
+    components = [_target(names[0], experiment, ticks, unit if whole else "")]
     connections: list[Connection] = []
     for body in experiment.bodies():
-        built, values = _robot(body, groups[body.robot], graph, jump, seconds(clock.period))
+        built, values = _robot(body, groups[body.robot], schedule, jump, seconds(clock.period))
         components.append(
             _component(names[body.robot], built, values, inputs=RECEIVED, outputs=(*SAMPLE, *STATE))
         )
-        for place, source in enumerate(graph.in_neighbours(body.robot), 1):
+        for place, source in enumerate(schedule.links.in_neighbours(body.robot), 1):
             for sample in SAMPLE:
                 connections += [
                     (
@@ -127,14 +131,13 @@ def agent_of(experiment: Experiment, robot: int, fmi: int) -> Built:
     jump = linear_jump(experiment.algorithm)
     assert jump is not None
     assert experiment.clock.period is not None
-    graph, estimate = experiment.topologies.links, experiment.initial_estimates([robot])
+    schedule, estimate = experiment.topologies, experiment.initial_estimates([robot])
     values = {
-        **_agent(robot, graph, jump, seconds(experiment.clock.period)),
+        **_agent(robot, schedule, jump, seconds(experiment.clock.period)),
         STARTS["position"]: estimate.position[0],
         STARTS["velocity"]: estimate.velocity[0],
     }
-    received = max(len(graph.in_neighbours(robot)), 1)
-    return build_agent(experiment.m, received, fmi, values)
+    return build_agent(experiment.m, *_sizes(robot, schedule), fmi, values)
 
 
 def node_names(n: int) -> list[str]:
@@ -143,7 +146,7 @@ def node_names(n: int) -> list[str]:
 
 
 def _robot(
-    body: Body, group: Group, graph: Topology, jump: tuple[Array, Array], h: float
+    body: Body, group: Group, schedule: TopologySchedule, jump: tuple[Array, Array], h: float
 ) -> tuple[Built, dict[str, Any]]:
     archive = group.archive
     sizes = sizes_of(assignments(archive, body.parameters))
@@ -152,14 +155,13 @@ def _robot(
         for v in archive.description.modelVariables
         if v.causality == "structuralParameter"
     }
-    received = max(len(graph.in_neighbours(body.robot)), 1)
     if archive.label in bundled_models():
         equations = bundled_equations(archive.name)
     else:
         units = {joint.unit for joint in group.joints(body.parameters)}
         unit = units.pop() if len(units) == 1 else ""
         equations = built_equations(archive.name, archive.path, len(body.q), unit)
-    built = build_robot(equations, received, structural)
+    built = build_robot(equations, *_sizes(body.robot, schedule), structural)
     (limited,) = within_efforts(archive, [body])
     given = start_values(limited, archive, group.names)
     inputs = {v.name for v in built.declaration.of_kind("input")}
@@ -168,24 +170,47 @@ def _robot(
     return built, {
         **own,
         **starts,
-        **_agent(body.robot, graph, jump, h),
+        **_agent(body.robot, schedule, jump, h),
         STARTS["position"]: body.position,
         STARTS["velocity"]: body.velocity,
     }
 
 
-def _agent(robot: int, graph: Topology, jump: tuple[Array, Array], h: float) -> dict[str, Any]:
-    weight = graph.normalised[graph.sink == robot]
+def _sizes(robot: int, schedule: TopologySchedule) -> tuple[int, int]:
+    """Return from how many a robot ever receives, at least 1, and how many digraphs there are."""
+    return max(len(schedule.links.in_neighbours(robot)), 1), len(schedule.exchanges)
+
+
+def _agent(
+    robot: int, schedule: TopologySchedule, jump: tuple[Array, Array], h: float
+) -> dict[str, Any]:
     keep, gain = jump
+    received, digraphs = _sizes(robot, schedule)
+    weights = np.zeros((len(SAMPLE), digraphs, received))
+    for at, exchange in enumerate(schedule.exchanges):
+        for of, digraph in enumerate((exchange.position, exchange.velocity)):
+            places = np.searchsorted(
+                schedule.links.in_neighbours(robot), digraph.in_neighbours(robot)
+            )
+            weights[of, at, places] = digraph.normalised[digraph.sink == robot]
     return {
-        "weight": weight if len(weight) else np.zeros(1),
+        "position_weight": weights[0],
+        "velocity_weight": weights[1],
+        "since": np.array(schedule.since),
+        "repeat": schedule.repeat or 0,
         "keep": keep,
         "gain": gain,
         "sampling_period": h,
     }
 
 
-def _target(name: str, target: Harmonic, unit: str) -> Component:
+def _target(name: str, experiment: Experiment, ticks: int, unit: str) -> Component:
+    target, clock = experiment.target, experiment.clock
+    if not isinstance(target, Harmonic):
+        times = [seconds(clock.t(k)) for k in range(ticks + 1)]
+        at = target.at(times)
+        built = build_sampled_target(np.hstack([at.position, at.velocity]), times[1], unit)
+        return _component(name, built, {}, inputs=(), outputs=SAMPLE)
     m, terms = target.amplitude.shape
     values = {key: getattr(target, key) for key in ("offset", "rate")}
     if terms:
@@ -232,8 +257,6 @@ def _is_exact(algorithm: Algorithm, jump: tuple[Array, Array]) -> bool:
 
 def _wrong(experiment: Experiment) -> Iterator[str]:
     yield from _wrong_network(experiment)
-    if not isinstance(experiment.target, Harmonic):
-        yield "target: is no sum of sines; samples and FMUs are not written as a part of a system"
     for group in group_by_archive(experiment):
         if group.archive.label not in bundled_models() and not group.archive.ours:
             yield (
@@ -257,11 +280,10 @@ def _wrong_network(experiment: Experiment) -> Iterator[str]:
     schedule, algorithm = experiment.topologies, experiment.algorithm
     name = experiment.scenario.algorithm.name
     if experiment.clock.period is None:
-        yield "run: sampling times are aperiodic; an FMU's agent samples with one period"
-    if not schedule.is_constant:
-        yield "network: is switched; connections of a system stay as they are"
-    elif schedule.exchanges[0].has_two_digraphs:
-        yield "network: positions and velocities have digraphs of their own; here they have one"
+        yield "run: sampling times are aperiodic; engines step by equal steps, and would miss them"
+    if len(schedule.exchanges) > MOST_DIGRAPHS:
+        many = f"{len(schedule.exchanges)} digraphs come in turn"
+        yield f"network: {many}; an agent has parameters for {MOST_DIGRAPHS} at most"
     if experiment.links is not None or experiment.byzantine:
         yield "faults: links and robots alter, lose or delay samples; a connection does not"
     if not jumps(algorithm):

@@ -12,12 +12,14 @@ from typing import Any
 from zipfile import ZipFile
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nrs_cosim.plant_fmu.bundled.builder import build_model, fmi_headers
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS, Declaration, declare_tables, own_tables
 from nrs_cosim.plant_fmu.errors import FmuError
 
 AGENT, TARGET = MODELS / "agent", MODELS / "target"
+SAMPLE = ("position", "velocity")
 UNITS = {
     "rad": {"coordinate": "rad", "effort": "N.m"},
     "m": {"coordinate": "m", "effort": "N"},
@@ -29,6 +31,9 @@ INTEGRATING = (
     *("integrator.c", "dormand_prince.c", "dop853.c", "implicit_euler.c"),
 )
 """What an FMU without a plant has no use for."""
+
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,8 +79,8 @@ def built_equations(name: str, path: Path, m: int, unit: str) -> Equations:
     return Equations(name, about, files)
 
 
-def build_robot(robot: Equations, received: int, sizes: Mapping[str, int]) -> Built:
-    """The FMU of a robot whose agent has so many in-neighbours; `FmuError` as `build`.
+def build_robot(robot: Equations, received: int, digraphs: int, sizes: Mapping[str, int]) -> Built:
+    """The FMU of a robot whose agent has so many in-neighbours, by digraphs; `FmuError` as `build`.
 
     `sizes` are the values of the model's structural parameters, which FMI 2 has not.
     """
@@ -83,7 +88,8 @@ def build_robot(robot: Equations, received: int, sizes: Mapping[str, int]) -> Bu
     for name, size in sizes.items():
         own["variables"][name]["start"] = size
     agent, starts = _tables(AGENT / "agent.toml"), _tables(AGENT / "robot.toml")
-    dimensions = {**own["dimensions"], **agent["dimensions"], "received": received}
+    dimensions = {**own["dimensions"], **agent["dimensions"]}
+    dimensions |= {"received": received, "digraphs": digraphs}
     variables = {**own["variables"], **agent["variables"], **starts["variables"]}
     about = f"{own['description']}; with an estimator agent that receives from {received}"
     extended = {**own, "description": about, "dimensions": dimensions, "variables": variables}
@@ -95,10 +101,10 @@ def build_robot(robot: Equations, received: int, sizes: Mapping[str, int]) -> Bu
     return _build(declared, {**files, **robot.files}, 2)
 
 
-def build_agent(m: int, received: int, fmi: int, values: Mapping[str, Any]) -> Built:
+def build_agent(m: int, received: int, digraphs: int, fmi: int, values: Mapping[str, Any]) -> Built:
     """The FMU of an agent alone, whose parameters start at values; `FmuError` as `build`."""
     agent = _tables(AGENT / "agent.toml")
-    dimensions = {**agent["dimensions"], "m": m, "received": received}
+    dimensions = {**agent["dimensions"], "m": m, "received": received, "digraphs": digraphs}
     about = f"Estimator agent of {m} axes that receives from {received}"
     own = {**agent, "description": about, "dimensions": dimensions, "units": {}}
     files = _files(AGENT, "agent.c", "plant.h", "no_plant.c", "still.c", "summation.h")
@@ -115,6 +121,31 @@ def build_target(m: int, terms: int, unit: str) -> Built:
     about = f"Target of {m} axes that moves by sums of sines"
     own = {**target, "description": about, "dimensions": dimensions, "units": UNITS[unit]}
     files = {**_files(TARGET, "target.c"), **_files(AGENT, "still.c", "summation.h")}
+    return _build(declare_tables("target", [_shared(), own], 2), files, 2, INTEGRATING)
+
+
+def build_sampled_target(samples: Array, period: float, unit: str) -> Built:
+    """The FMU of a target whose samples (K + 1, 2 m), positions first, are in it, a period apart.
+
+    `FmuError` as `build`.
+    """
+    rows = ",\n".join(f"    {{{', '.join(map(float.hex, row))}}}" for row in samples.tolist())
+    table = (
+        f"static const double SAMPLING_PERIOD = {period.hex()};\n"
+        f"enum {{ SAMPLES = {len(samples)} }};\n"
+        f"static const double samples[SAMPLES][2 * M] = {{\n{rows}}};\n"
+    )
+    m = samples.shape[1] // 2
+    variables = {name: _tables(TARGET / "target.toml")["variables"][name] for name in SAMPLE}
+    about = f"Target of {m} axes, of which {len(samples)} samples are known"
+    own = {
+        "description": about,
+        "dimensions": {"m": m},
+        "units": UNITS[unit],
+        "variables": variables,
+    }
+    files = {**_files(TARGET, "samples.c"), **_files(AGENT, "still.c")}
+    files["samples.h"] = table.encode()
     return _build(declare_tables("target", [_shared(), own], 2), files, 2, INTEGRATING)
 
 

@@ -1,4 +1,4 @@
-"""Other engines run the paper's example and a ring of 100, and must come to the very same doubles.
+"""Other engines run exported systems, and must come to the very same doubles.
 
     python -m tests.elsewhere PYTHON
 
@@ -21,6 +21,15 @@ RING = {
     "network": {"generator": {"kind": "ring", "n": 100, "pinned": [1]}},
     "algorithm": {"name": "dcea1", "alpha": 0.9, "beta": 0.9},
 }
+TRACK = {"kind": "sampled", "times": [0.0, 20.0, 60.0], "positions": [[0, 0], [9, -4], [3, 5]]}
+PAPER = "paper_first_order"
+RUNS = {
+    "paper": (PAPER, {}),
+    "ring": (PAPER, RING),
+    "switching": ("switching", {}),
+    "hetero_information": ("hetero_information", {}),
+    "sampled": (PAPER, {"target": TRACK}),
+}
 
 
 def main(python: str) -> int:
@@ -29,8 +38,8 @@ def main(python: str) -> int:
     subprocess.run([*install, "--constraint", str(PINS), *PACKAGES], check=True)
     failed = 0
     with TemporaryDirectory() as folder:
-        for name, changes in (("paper", {}), ("ring", RING)):
-            scenario = str(write(Path(folder, f"{name}.toml"), changes))
+        for name, (base, changes) in RUNS.items():
+            scenario = str(write(Path(folder, f"{name}.toml"), changes, base=base))
             recording, system = (str(Path(folder, name + end)) for end in (".mcap", ".ssp"))
             command = [sys.executable, "-m", "nrs_cosim"]
             for words in (

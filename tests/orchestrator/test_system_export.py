@@ -29,6 +29,7 @@ from nrs_cosim.plant_fmu.bundled.declaration import MODELS
 from nrs_cosim.plant_fmu.bundled.urdf import read_urdf
 from nrs_cosim.plant_fmu.bundled.urdf_fmu import build_urdf
 from nrs_cosim.recordings.mcap.reader import Reader
+from tests.cases import cases
 from tests.command import nrs
 from tests.elsewhere.engines import ENGINES, compared
 from tests.orchestrator.test_exit_status import SLIDER
@@ -65,6 +66,48 @@ def test_an_engine_comes_to_the_very_numbers_of_the_recording(systems, engine, b
         pytest.skip(f"{NEEDS[engine]} is not installed")
     size, same, _ = compared(engine, systems / f"{base}.ssp")
     assert size == same == 10 * (4 + 6 * 8)
+
+
+SAMPLES = {"kind": "sampled", "times": [0, 0.3, 1], "positions": [[0, 0], [1, 2], [3, 1]]}
+ALL = {
+    "run.duration": 0.8,
+    "target": SAMPLES,
+    "initial": drawn(-1.0, 1.0),
+    "network": {
+        "repeat": 3,
+        "switching": [
+            {
+                "from": 1,
+                "position": {"adjacency": [[0, 0], [1, 0]], "pinning": [1, 0]},
+                "velocity": {"edge_list": [[0, 2], [2, 1]]},
+            },
+            {"from": 3, "adjacency": [[0, 1], [0, 0]], "pinning": [0, 1]},
+        ],
+    },
+}
+IN_TURN = {
+    "all at once": ("paper_first_order", ALL),
+    "digraphs of which the last stays": (
+        "switching",
+        {"run.duration": 2.5, "network.repeat": None},
+    ),
+    "digraphs that come again": ("switching", {"run.duration": 2.8}),
+    "velocities over another digraph": ("hetero_information", {"run.duration": 0.5}),
+    "a target that is sampled": ("paper_first_order", {"run.duration": 0.5, "target": SAMPLES}),
+}
+
+
+@pytest.mark.parametrize("case", cases([*IN_TURN], ["all at once"]))
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_changes_with_k_is_in_the_fmus_to_the_same_bits(tmp_path, engine, case):
+    if importlib.util.find_spec(NEEDS[engine]) is None:
+        pytest.skip(f"{NEEDS[engine]} is not installed")
+    base, changes = IN_TURN[case]
+    write(tmp_path / "s.toml", changes, base=base)
+    assert nrs("run", "s.toml", "-o", "s.mcap", cwd=tmp_path).returncode == 0
+    (tmp_path / "s.ssp").write_bytes(packed(tmp_path / "s.mcap"))
+    size, same, most = compared(engine, tmp_path / "s.ssp")
+    assert size == same > 0, most
 
 
 def test_robots_of_a_urdf_that_receive_from_many_come_to_the_same_numbers_too(tmp_path):
@@ -124,11 +167,11 @@ def test_no_component_is_named_as_another_begins(n):
     assert not any(a != b and b.startswith(a) for a in names for b in names)
 
 
+PAIR = {"adjacency": [[0, 1], [1, 0]], "pinning": [1, 0]}
+MANY = {"switching": [{"from": k, **PAIR} for k in range(1, 102)]}
 REFUSED = {
     "faults": ("paper_lossy_links", {}),
     "run": ("paper_jitter", {}),
-    "network: is switched": ("switching", {}),
-    "network: positions": ("hetero_information", {}),
     "algorithm.name: sliding does not jump linearly": (
         "paper_first_order", {"algorithm": {"name": "sliding", "alpha": 0.9, "beta": 0.9}},
     ),
@@ -136,10 +179,7 @@ REFUSED = {
         "paper_first_order",
         {"algorithm": {"name": "dcea3", "alpha": 0.9, "beta": 0.9, "gamma": 0.9}},
     ),
-    "target": (
-        "paper_first_order",
-        {"target": {"kind": "sampled", "times": [0.0, 100.0], "positions": [[0, 0], [1, 1]]}},
-    ),
+    "network: 101 digraphs come in turn": ("switching", {"network": MANY}),
     "plant: is driven by 'cvode'": ("paper_first_order", {"plant.solver": "cvode"}),
 }  # fmt: skip
 

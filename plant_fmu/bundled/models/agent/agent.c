@@ -2,7 +2,8 @@
  *
  *   K (eps, ups) + G (d_eps, d_ups),   d = sum over j of w_j (received_j - own),
  *
- * by the samples that its inputs have when the step from t_k begins, which are the left limits of
+ * over the edges j of the digraph that holds at t_k, one for positions and one for velocities, by
+ * the samples that its inputs have when the step from t_k begins, which are the left limits of
  * the outputs of others; then eps moves by ups until t_{k+1}. So a master that steps all FMUs at
  * once and hands outputs over afterwards does what the orchestrator does, to the same bits. What is
  * shown is the estimate at the end of a step, at t_k the left limit, or NaN after a step past a
@@ -25,12 +26,25 @@ static double tick_time(const Values *v, double ticks)
     return v->start_time + ticks * v->sampling_period;
 }
 
-static double disagreement(const Values *v, double (*received)[M], double own, int axis)
+/* Which digraph holds at t_k, k >= 1. */
+static int digraph_at(const Values *v, double k)
 {
-    double terms[RECEIVED];
+    const double turn = v->repeat > 0.0 ? fmod(k - 1.0, v->repeat) + 1.0 : k;
+    int at = 0;
+    while (at + 1 < DIGRAPHS && v->since[at + 1] <= turn)
+        ++at;
+    return at;
+}
+
+static double disagreement(const double weight[RECEIVED], double (*received)[M], double own,
+                           int axis)
+{
+    double terms[RECEIVED + LANES]; /* with room, or compilers fear for sums of LANES */
+    size_t n = 0;
     for (int j = 0; j < RECEIVED; ++j)
-        terms[j] = v->weight[j] * (received[j][axis] - own);
-    return sum_from_first(terms, RECEIVED);
+        if (weight[j] != 0.0)
+            terms[n++] = weight[j] * (received[j][axis] - own);
+    return sum_from_first(terms, n);
 }
 
 void agent_start(Instance *self)
@@ -58,12 +72,13 @@ bool agent_jump(Instance *self, double end)
     }
     if (!(fabs(v->time - tick_time(v, v->ticks)) <= SLACK * h))
         return true;
+    const int at = digraph_at(v, v->ticks);
     for (int i = 0; i < M; ++i) {
         const double p = v->position[i], u = v->velocity[i];
         double jumped[2] = {p, u};
         if (v->ticks > 0) {
-            const double dp = disagreement(v, v->received_position, p, i);
-            const double du = disagreement(v, v->received_velocity, u, i);
+            const double dp = disagreement(v->position_weight[at], v->received_position, p, i);
+            const double du = disagreement(v->velocity_weight[at], v->received_velocity, u, i);
             for (int row = POSITION; row <= VELOCITY; ++row)
                 jumped[row] = (v->keep[row][POSITION] * p + v->keep[row][VELOCITY] * u) +
                               (v->gain[row][POSITION] * dp + v->gain[row][VELOCITY] * du);
