@@ -1,4 +1,4 @@
-"""The house stands as it is described: types, format, direction of imports, and the README."""
+"""The house stands as it is described: format, direction of imports, and the README."""
 
 import ast
 import re
@@ -17,11 +17,8 @@ ROOT = Path(__file__).parents[1]
 BIN = Path(sys.executable).parent
 
 
-@pytest.mark.parametrize(
-    "command",
-    ["ruff check .", "ruff format --check .", "mypy", "lint-imports"],
-)
-def test_format_lint_types_and_imports_pass(command):
+@pytest.mark.parametrize("command", ["ruff check .", "ruff format --check .", "lint-imports"])
+def test_format_lint_and_imports_pass(command):
     program, *arguments = shlex.split(command)
     done = subprocess.run(
         [BIN / program, *arguments], cwd=ROOT, check=False, capture_output=True, text=True

@@ -1,7 +1,6 @@
 """What is installed has one name, and works away from the tree, beside a user's own modules."""
 
 import os
-import re
 import subprocess
 import sys
 import zipfile
@@ -72,41 +71,8 @@ def test_a_users_modules_with_the_names_of_our_folders_do_not_clash(site, tmp_pa
 SCRIPT = (ROOT / "tests/user_script.py").read_text("utf-8")
 
 
-WRONG = [
-    ("nrs.Scenario.load(3)", "arg-type"),
-    ("nrs.check('paper.toml')", "arg-type"),
-    ("nrs.check(paper).bounds[0].lowest", "attr-defined"),
-    ("nrs.run(paper, wokers=2)", "call-arg"),
-    ("nrs.run(paper).digest.upper()", "union-attr"),
-    ("nrs.resume('a.mcap', changes=['run.duration'])", "arg-type"),
-    ("nrs.Recording('a.mcap').times('outputs')", "arg-type"),
-    ("nrs.Recording('a.mcap').target(0.0).shape", "attr-defined"),
-    ("nrs.compare('a.mcap', 3)", "arg-type"),
-    ("nrs.replay.verify('a.mcap').same", "attr-defined"),
-    ("nrs.errors.InputErr", "attr-defined"),
-    ("nrs.Estimate(1, 2)", "arg-type"),
-    ("nrs.nothing", "attr-defined"),
-]
-
-
-@pytest.fixture(scope="module")
-def printed(site, tmp_path_factory):
-    """What mypy says, strictly, of a user's programs: script.py is right, wrong.py is not."""
-    folder = tmp_path_factory.mktemp("typed")
-    lines = ["import nrs_cosim as nrs", "paper = nrs.Scenario.load('paper.toml')"]
-    (folder / "script.py").write_text(SCRIPT, "utf-8")
-    (folder / "wrong.py").write_text("\n".join([*lines, *(line for line, _ in WRONG), ""]), "utf-8")
-    return subprocess.run(
-        [sys.executable, "-m", "mypy", "--strict", "--cache-dir", "cache", "script.py", "wrong.py"],
-        cwd=folder, env={**os.environ, "MYPYPATH": "", "PYTHONPATH": str(site)},
-        capture_output=True, text=True, check=False,
-    ).stdout  # fmt: skip
-
-
-def test_a_users_script_with_every_public_name_is_typed_and_runs(site, tmp_path, printed):
+def test_a_users_script_with_every_public_name_runs(site, tmp_path):
     assert {name for name in nrs_cosim.__all__ if f"nrs.{name}" not in SCRIPT} == set()
-    assert "script.py:" not in printed
-    assert printed.endswith("in 1 file (checked 2 source files)\n")
     (tmp_path / "script.py").write_text(SCRIPT, "utf-8")
     (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
     done = subprocess.run(
@@ -116,12 +82,6 @@ def test_a_users_script_with_every_public_name_is_typed_and_runs(site, tmp_path,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines()[-1] == "run.mcap"
-
-
-def test_a_users_type_checker_finds_what_is_wrong(printed):
-    errors = re.findall(r"^wrong\.py:(\d+): error: .*\[([a-z-]+)\]$", printed, re.MULTILINE)
-    found = {int(number): code for number, code in errors}
-    assert found == {number: code for number, (_, code) in enumerate(WRONG, 3)}
 
 
 def test_every_dependency_has_a_licence_that_a_person_has_looked_at_and_stands_on_the_page():

@@ -77,7 +77,7 @@ def toml(tmp_path):
 
 @pytest.mark.parametrize(
     ("before", "k", "after"),
-    cases([(3, 47, 2), (2, 130, 1), (1, 203, 3)], [(3, 47, 2), (1, 203, 3)]),
+    cases([(3, 47, 2), (2, 130, 1), (1, 203, 3)], [(3, 47, 2)]),
 )
 def test_a_killed_run_is_resumed_with_another_number_of_workers(
     tmp_path, toml, whole, before, k, after
@@ -145,7 +145,7 @@ def test_an_interrupted_run_is_resumed_twice(tmp_path, whole):
     assert digest(outcome.path) == digest(whole)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", cases([1, 2], [2]))
 def test_plants_of_all_kinds_are_resumed(tmp_path, workers):
     file = mixed()
     run(file, tmp_path / "whole.mcap")

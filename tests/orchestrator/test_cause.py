@@ -12,6 +12,7 @@ from nrs_cosim.bus.errors import Cause, RunError
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.recordings.mcap.reader import Reader
+from tests.cases import cases
 from tests.command import nrs
 from tests.plant_fmu.faulty_fmu import built, three_robots
 from tests.recordings.made_up_runs import create, tick
@@ -34,7 +35,7 @@ def test_a_completed_run_has_no_cause(tmp_path):
     assert cause_of(tmp_path / "run.mcap")[0] is None
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", cases([1, 2], [2]))
 def test_the_cause_of_divergence_has_tick_robot_and_quantity(tmp_path, workers):
     write(tmp_path / "s.toml", DIVERGING)
     path = tmp_path / "run.mcap"
@@ -49,7 +50,7 @@ def test_the_cause_of_divergence_has_tick_robot_and_quantity(tmp_path, workers):
     assert result["reason"].startswith(said + cause["quantity"])
 
 
-@pytest.mark.parametrize("isolate", [True, False])
+@pytest.mark.parametrize("isolate", cases([True, False], [True]))
 def test_the_cause_of_a_plant_failure_has_robot_and_time(tmp_path, isolate):
     shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
     write(tmp_path / "s.toml", base=three_robots("error", isolate=isolate))

@@ -94,7 +94,7 @@ def ran(given):
 EACH = ["dcea1", "impulsive", "dcea2", "sliding"]
 
 
-@pytest.mark.parametrize("algorithm", cases(EACH, EACH[:2]))
+@pytest.mark.parametrize("algorithm", cases(EACH, EACH[:1]))
 def test_an_extreme_number_is_refused_or_analysed(algorithm):
     small = tables({"algorithm.name": algorithm}, base=SMALL)
     found, passed = faults_of(small, EXTREMES, checked)
@@ -114,7 +114,7 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("kind", cases([*KINDS], [*KINDS][::2]))
+@pytest.mark.parametrize("kind", cases([*KINDS], [*KINDS][2:3]))
 def test_an_extreme_number_beside_faults_jitter_or_switching_is_refused_or_analysed(kind):
     found, passed = faults_of(KINDS[kind], FEW, checked)
     assert not found, found

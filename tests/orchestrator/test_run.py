@@ -31,7 +31,7 @@ def rows_of(tables, n):
 STARTS = [(1, EXPLICIT), (2, SEEDED), (1, SEEDED), (2, EXPLICIT)]
 
 
-@pytest.mark.parametrize(("order", "start"), cases(STARTS, STARTS[:2]))
+@pytest.mark.parametrize(("order", "start"), cases(STARTS, STARTS[1:2]))
 def test_twenty_seconds_agree_with_dop853(tmp_path, order, start):
     file = paper({"run.duration": 20.0}, start, SECOND_ORDER if order == 2 else {})
     outcome = run(file, tmp_path / "run.mcap")

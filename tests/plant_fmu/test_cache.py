@@ -80,7 +80,7 @@ MAKES = {"fmu": lambda: build("two_link_arm"), "so": library}
 DAMAGED = [(make, damage) for make in MAKES for damage in DAMAGES]
 
 
-@pytest.mark.parametrize(("make", "damage"), cases(DAMAGED, DAMAGED[2:7:2]))
+@pytest.mark.parametrize(("make", "damage"), cases(DAMAGED, DAMAGED[4:5]))
 def test_a_damaged_cache_file_is_rebuilt(
     cache: Path,
     compiled: list[str],
@@ -126,7 +126,7 @@ def run(tmp_path: Path) -> "subprocess.CompletedProcess[str]":
     )
 
 
-@pytest.mark.parametrize("damage", ["truncated", "emptied"])
+@pytest.mark.parametrize("damage", cases(["truncated", "emptied"], ["truncated"]))
 @pytest.mark.usefixtures("cache")
 def test_a_run_rebuilds_damaged_cached_code(tmp_path: Path, damage: str) -> None:
     path = library()

@@ -11,6 +11,7 @@ import sys
 
 import pytest
 
+from tests.cases import cases
 from tests.guard import GUARD
 from tests.plant_fmu.talker import build_talker
 from tests.scenarios import tables, write
@@ -209,17 +210,17 @@ def nrs(place, *arguments):
     )
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("fmu", "check", "talker.fmu"),
-        ("fmu", "check", "talker.fmu", "--scenario", "isolate_true.toml"),
-        ("check", "isolate_true.toml"),
-        ("check", "isolate_false.toml"),
-        ("run", "isolate_true.toml", "-o", "true.mcap"),
-        ("run", "isolate_false.toml", "-o", "false.mcap"),
-    ],
-)
+LOGGING = [
+    ("fmu", "check", "talker.fmu", "--scenario", "isolate_true.toml"),
+    ("run", "isolate_false.toml", "-o", "false.mcap"),
+    ("fmu", "check", "talker.fmu"),
+    ("check", "isolate_true.toml"),
+    ("check", "isolate_false.toml"),
+    ("run", "isolate_true.toml", "-o", "true.mcap"),
+]
+
+
+@pytest.mark.parametrize("arguments", cases(LOGGING, LOGGING[:2]))
 def test_an_fmu_that_logs_until_it_is_freed_crashes_no_command(place, arguments):
     done = nrs(place, *arguments)
     assert done.returncode == 0, f"{done.returncode}: {done.stdout}{done.stderr}"
@@ -246,7 +247,7 @@ def test_nothing_is_called_after_a_fatal_status(place, isolate):
 
 
 @pytest.mark.parametrize("isolate", [True, False])
-@pytest.mark.parametrize("command", ["check", "run"])
+@pytest.mark.parametrize("command", cases(["check", "run"], ["run"]))
 def test_an_fmus_printing_does_not_reach_our_standard_output(tmp_path, isolate, command):
     build_talker(tmp_path / "talker.fmu", prints=True)
     write(tmp_path / "s.toml", base=two_robots(isolate=isolate))

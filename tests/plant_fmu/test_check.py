@@ -148,7 +148,7 @@ LIES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("lie", LIES)
+@pytest.mark.parametrize("lie", cases([*LIES], [*LIES][:1]))
 def test_an_incomplete_fmu_state_is_found(tmp_path, lie):
     models = tmp_path / "models"
     shutil.copytree(MODELS, models)

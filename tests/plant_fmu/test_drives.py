@@ -20,6 +20,7 @@ from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
 from nrs_cosim.plant_fmu.fleet import Fleet
 from nrs_cosim.plant_fmu.plants import Body, Disturbance, DrivenPlants
+from tests.cases import cases
 from tests.orchestrator.run_oracle import KD, KP, W, simulate, target
 from tests.plant_fmu.rewritten_fmus import rewritten
 
@@ -233,7 +234,7 @@ def wandering(rows: slice) -> list[tuple[Array, Array]]:
     ]
 
 
-@each_version
+@pytest.mark.parametrize("fmi", cases([2, 3], [3]))
 def test_a_fresh_process_continues_some_robots_to_the_same_bits(opened: Open, fmi: int) -> None:
     saved, onwards = [], []
     for driving in DRIVES.values():

@@ -84,7 +84,7 @@ def states(m: int, n: int) -> Iterator[tuple[Array, Array, Array]]:
 
 
 @pytest.mark.parametrize("fmi", cases(VERSIONS, VERSIONS[-1:]))
-@pytest.mark.parametrize("path", [ARM, IIWA, GANTRY], ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", cases([ARM, IIWA, GANTRY], [IIWA]), ids=lambda path: path.stem)
 def test_accelerations_agree_with_newton_euler(equations: Open, path: Path, fmi: int) -> None:
     oracle, fmu = Oracle(path), equations(path, fmi)
     for q, qd, tau in states(len(oracle.axes), 20):

@@ -138,7 +138,7 @@ def answer(read: Callable[[], object]) -> bool:
         assert time.process_time() - start < 1
 
 
-@pytest.mark.parametrize("which", cases(range(6), range(1, 6, 2)))
+@pytest.mark.parametrize("which", cases(range(6), range(1, 2)))
 def test_no_damage_makes_a_wrong_value_or_another_error(originals, tmp_path, which) -> None:
     whole, places, rows = originals[which]
     path, new, answers = tmp_path / "a.mcap", tmp_path / "new.mcap", []

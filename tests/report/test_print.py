@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 from docs.figures import draw
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.cli.main import app
+from tests.cases import cases
 
 nrs = CliRunner()
 
@@ -22,7 +23,7 @@ def inked(path):
 BEGINS = {"html": b"<!doctype html", "png": b"\x89PNG", "pdf": b"%PDF-", "svg": b"<?xml"}
 
 
-@pytest.mark.parametrize("form", BEGINS)
+@pytest.mark.parametrize("form", cases([*BEGINS], [*BEGINS][:1]))
 def test_the_file_extension_sets_the_report_format(paper, tmp_path, form):
     out = tmp_path / f"report.{form.upper()}"
     more = ["--format", form] if form == "svg" else []  # said twice, it is the same
@@ -78,7 +79,7 @@ def test_a_report_is_not_named_as_another_kind_of_file(arguments, shown):
     assert shown in str(result.exception)
 
 
-@pytest.mark.parametrize("name", ["paper", "lossy"])
+@pytest.mark.parametrize("name", cases(["paper", "lossy"], ["lossy"]))
 def test_a_png_shows_every_figure(request, tmp_path, name):
     recording, out = request.getfixturevalue(name), tmp_path / "figures.png"
     result = nrs.invoke(app, ["report", str(recording), "-o", str(out), "--format", "png"])
