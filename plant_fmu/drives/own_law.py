@@ -28,7 +28,7 @@ PUT_OUT = (
 
 
 def without_own_law(archive: Archive, names: Mapping[str, Spec], body: Body) -> dict[str, Array]:
-    """Return what puts the law out, by our names, of what the FMU has and lets be set.
+    """Return what puts the law out, by our names, of what the FMU has and lets be set, each (n,).
 
     What the body's parameters say stays. A limit is as high as the FMU lets it be.
     """
