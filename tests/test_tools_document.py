@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from nrs_cosim.orchestrator.report.foxglove import Foxglove
 from nrs_cosim.recordings import Recording
 from tests.command import nrs
 from tests.network.ports import free_port
@@ -71,3 +72,21 @@ def test_eleven_lines_receive_what_is_published(folder):
         encoding, time, numbers = line.split(" ", 2)
         assert encoding == "application/protobuf;nrs.State"
         assert (float(time), ast.literal_eval(numbers)) == (state["t"], state["position"].tolist())
+
+
+def test_a_websocket_client_receives_a_replay(folder):
+    pytest.importorskip("foxglove", reason="needs foxglove-sdk, of the extra `foxglove`")
+    pytest.importorskip("websockets", reason="needs websockets, of the extra `test`")
+    (program,) = [block for block in blocks("python") if "websockets" in block]
+    with Foxglove(0) as view, Recording(folder / "run.mcap") as recording:
+        states = recording.states(3)
+        view.replay(folder / "run.mcap", 0, int(states["time_ns"][-1]), 1e5)
+        view.wait_until_served()
+        program = program.replace("ws://127.0.0.1:8765", view.address)
+        with subprocess.Popen(
+            [sys.executable, "-u", "-c", program], stdout=subprocess.PIPE, text=True
+        ) as client:
+            lines = [client.stdout.readline() for _ in range(len(states) + 1)]
+            client.kill()
+    assert lines[0] == "run.mcap\n"
+    assert [int(line.split()[1]) for line in lines[1:]] == states["time_ns"].tolist()

@@ -271,16 +271,24 @@ Realtime = Annotated[
 ShowLive = Annotated[
     bool, typer.Option("--live", help="Serve a page of the run, on this machine, as it goes on.")
 ]
+ShowFoxglove = Annotated[
+    bool,
+    typer.Option(
+        "--foxglove",
+        help="Serve it to Foxglove, on this machine: ws://127.0.0.1, to watch robots and plots.",
+    ),
+]
 Port = Annotated[
     int | None,
     typer.Option(
         metavar="N",
         parser=whole_number("--port", 0, 65535),
-        help="With --live: the port to serve at; any free one unless given.",
+        help="The port to serve at; any free one unless given.",
     ),
 ]
 Stay = Annotated[
-    bool, typer.Option("--stay", help="With --live: serve the page until Ctrl-C after the run.")
+    bool,
+    typer.Option("--stay", help="With --live, --foxglove: serve it until Ctrl-C after the run."),
 ]
 
 ReportFile = Annotated[

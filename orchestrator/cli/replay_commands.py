@@ -15,7 +15,9 @@ from nrs_cosim.orchestrator.cli.options import (
     InsecureTcp,
     Listen,
     Output,
+    Port,
     RecordingPath,
+    ShowFoxglove,
     moment,
     number,
 )
@@ -33,7 +35,9 @@ _STORED = (
 @OptionRules(
     {
         **required_by(["--verify"], "--agents-only"),
-        **required_by(["--publish"], "--speed", "--as-fast-as-possible", "--from", "--to"),
+        **required_by(["--publish", "--foxglove"], "--speed", "--from", "--to"),
+        **required_by(["--publish"], "--as-fast-as-possible"),
+        **required_by(["--foxglove"], "--port"),
         **required_by(["--publish"], "--listen", "--connect", "--insecure-tcp", "--wait"),
         **required_by(["--plant", "--algorithm"], "-o", "--force"),
     },
@@ -50,12 +54,14 @@ def replay(
     publishing: Annotated[
         bool, typer.Option("--publish", help="Put its messages back on the bus, for live tools.")
     ] = False,
+    foxglove: ShowFoxglove = False,
+    port: Port = None,
     speed: Annotated[
         float | None,
         typer.Option(
             metavar="X",
             parser=number("--speed"),
-            help="With --publish: simulated time over wall time; 1 unless given.",
+            help="Simulated time over wall time; 1 unless given.",
         ),
     ] = None,
     unpaced: Annotated[
@@ -67,7 +73,7 @@ def replay(
             "--from",
             metavar="T",
             parser=moment("--from"),
-            help="With --publish: begin with messages of this simulated time, s.",
+            help="Begin with messages of this simulated time, s.",
         ),
     ] = None,
     until: Annotated[
@@ -76,7 +82,7 @@ def replay(
             "--to",
             metavar="T",
             parser=moment("--to"),
-            help="With --publish: end before messages of this simulated time, s.",
+            help="End before messages of this simulated time, s.",
         ),
     ] = None,
     listen: Listen = None,
@@ -106,15 +112,16 @@ def replay(
     allow_fmus: AllowFmus = False,
     compiling: Compile = False,
 ) -> None:
-    """Run a recording again: to verify it, to publish it, or to change it (what if)."""
+    """Run a recording again: to verify it, to publish or show it, or to change it (what if)."""
     from nrs_cosim.bus.network.endpoints import Endpoints
     from nrs_cosim.orchestrator.cli import terminal_replay
     from nrs_cosim.orchestrator.cli.progress import opened
 
-    asked = [verifying, publishing, bool(plant or algorithm)]
+    asked = [verifying, publishing, foxglove, bool(plant or algorithm)]
     if sum(asked) != 1:
         raise InputError(
-            "nrs replay: give one of --verify, --publish, or changes by --plant and --algorithm"
+            "nrs replay: give one of --verify, --publish, --foxglove, or changes by --plant and "
+            "--algorithm"
         )
     if speed is not None and speed < SLOWEST:
         raise InputError(f"--speed: expected at least {SLOWEST:g}, got {speed:g}")
@@ -124,7 +131,9 @@ def replay(
         )
         return
     with opened(err, recording) as reader:
-        if publishing:
+        if foxglove:
+            terminal_replay.serve(reader, port or 0, speed or 1.0, (since, until))
+        elif publishing:
             endpoints = Endpoints(
                 listen=tuple(listen or (() if connect else (LISTENER,))),
                 connect=tuple(connect or ()),

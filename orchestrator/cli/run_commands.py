@@ -23,6 +23,7 @@ from nrs_cosim.orchestrator.cli.options import (
     Realtime,
     RecordingPath,
     ScenarioPath,
+    ShowFoxglove,
     ShowLive,
     Stay,
     ThreadsOfWorker,
@@ -33,7 +34,10 @@ if TYPE_CHECKING:
     from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
 
-@OptionRules({**OF_WORKERS, **required_by(["--live"], "--stay", "--port")}, OF_OUTPUT)
+@OptionRules(
+    {**OF_WORKERS, **required_by(["--live", "--foxglove"], "--stay", "--port")},
+    (*OF_OUTPUT, ("--live", "--foxglove")),
+)
 @with_groups
 def run(
     scenario: ScenarioPath,
@@ -42,6 +46,7 @@ def run(
     ends: WorkerOptions,
     realtime: Realtime = None,
     live: ShowLive = False,
+    foxglove: ShowFoxglove = False,
     port: Port = None,
     stay: Stay = False,
     embed_fmus: Annotated[
@@ -78,13 +83,18 @@ def run(
             say("yellow", "warning", mixed)
     start = partial(_performing(experiment, options, ends), pace=pace)
     with naming_field(scenario_name(scenario)):
-        if not live:
-            start()
-        else:
+        if foxglove:
+            from nrs_cosim.orchestrator.report.foxglove import Foxglove
+
+            with Foxglove(port or 0, stay) as server:
+                start(begin=server.begin)
+        elif live:
             from nrs_cosim.orchestrator.report.live import Live
 
             with Live(port or 0, stay) as page:
                 start(begin=page.begin)
+        else:
+            start()
 
 
 @OptionRules(OF_WORKERS, OF_OUTPUT)

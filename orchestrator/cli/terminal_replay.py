@@ -21,6 +21,7 @@ from nrs_cosim.orchestrator.replay.diff import Comparison
 from nrs_cosim.orchestrator.replay.publish import EVERY_KEY, publish
 from nrs_cosim.orchestrator.replay.verify import Verification, verify
 from nrs_cosim.orchestrator.replay.what_if import changed_run
+from nrs_cosim.orchestrator.report.foxglove import Foxglove
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.terminal import err, out, prose, say
 from nrs_cosim.recordings.errors import UncreatableError
@@ -90,14 +91,11 @@ def _compared(verification: Verification, plants: bool) -> str:
     )
 
 
-def put_back(
-    reader: Reader,
-    endpoints: Endpoints,
-    speed: float | None,
-    between: tuple[float | None, float | None],
-    wait: float,
-) -> None:
-    reader.expect_ticks("publish")
+def _range(
+    reader: Reader, between: tuple[float | None, float | None], purpose: str
+) -> tuple[int | None, int | None]:
+    """Return times in ns; `InputError` where nothing of a recording lies between them."""
+    reader.expect_ticks(purpose)
     start_ns, end_ns = (None if t is None else round(t * NS_PER_S) for t in between)
     last = reader.end_ns or 0
     if (start_ns or 0) > last or (end_ns is not None and end_ns <= (start_ns or 0)):
@@ -105,6 +103,33 @@ def put_back(
             f"--from {between[0]} --to {between[1]}: nothing of the recording, which ends at "
             f"{last / NS_PER_S:g} s, lies there"
         )
+    return start_ns, end_ns
+
+
+def serve(
+    reader: Reader, port: int, speed: float, between: tuple[float | None, float | None]
+) -> None:
+    """Play a recording to who listens by Foxglove's protocol, until Ctrl-C."""
+    start_ns, end_ns = _range(reader, between, "replay")
+    last = reader.end_ns or 0
+    with Foxglove(port) as server:
+        until = last if end_ns is None else min(end_ns - 1, last)
+        server.replay(Path(reader.path), start_ns or 0, until, speed)
+        server.wait_until_served()
+        say("blue", "replay", "it plays when somebody listens, and stays until Ctrl-C")
+        server.wait()
+    if server.has_failed:
+        raise typer.Exit(FAILED)
+
+
+def put_back(
+    reader: Reader,
+    endpoints: Endpoints,
+    speed: float | None,
+    between: tuple[float | None, float | None],
+    wait: float,
+) -> None:
+    start_ns, end_ns = _range(reader, between, "publish")
 
     def ready(bus: ZenohBus) -> None:
         where = ", ".join(endpoints.listen or endpoints.connect)

@@ -110,6 +110,8 @@ STATUSES = {
         "replay none.mcap --verify",
         "replay whole.mcap",
         "replay whole.mcap --algorithm gamma=1",
+        "replay whole.mcap --verify --foxglove",
+        "replay whole.mcap --foxglove --from 9",
         "diff whole.mcap none.mcap",
         "diff whole.mcap good.toml",
         "report none.mcap -o new.html",

@@ -69,6 +69,11 @@ NEEDS = {
         "recordings.export.scene",
         lambda path: command("scene", path, "-o", path.with_name("scene.mcap")),
     ),
+    "a live view": (
+        "foxglove",
+        "",
+        lambda path: command("replay", path, "--foxglove"),
+    ),
     "tables to write": ("pyarrow", "recordings.export.parquet", exported),
     "a table to read": ("pyarrow", "", lambda _path: file_columns(b"PAR1", "a.parquet")),
     "a URDF": ("casadi", "plant_fmu.bundled.rigid_body", lambda _: build_urdf(read_urdf(ARM))),
@@ -96,7 +101,7 @@ def test_a_missing_extra_says_what_to_install(tmp_path, monkeypatch, package, mo
         str(error.value),
     )
     named, extra = said[1], said[2]
-    assert named.replace("-", "_") == package
+    assert named.replace("-", "_").removesuffix("_sdk") == package
     brings = {re.split("[<>=]", requirement)[0] for requirement in EXTRAS[extra]}
     assert {named, "xarray"} & brings if named == "pandas" else named in brings
     assert {entry.name for entry in tmp_path.iterdir()} == before

@@ -28,8 +28,9 @@ def test_rules_are_about_options_that_the_command_has(path):
     assert named | {name for pair in rules.excludes for name in pair} <= known
 
 
-VALUES = {"--from": "1", "--to": "2", "--speed": "2", "--wait": "3", "-o": "x.mcap"}
-PUBLISHING = ("--speed", "--as-fast-as-possible", "--from", "--to", "--wait", "--insecure-tcp")
+VALUES = {"--from": "1", "--to": "2", "--speed": "2", "--wait": "3", "-o": "x.mcap", "--port": "0"}
+PLAYING = ("--speed", "--from", "--to")
+PUBLISHING = ("--as-fast-as-possible", "--wait", "--insecure-tcp")
 
 
 def with_value(option):
@@ -43,6 +44,14 @@ def with_value(option):
             ((*REPLAY, "--verify", *with_value(option)), f"{option} requires --publish")
             for option in PUBLISHING
         ),
+        *(
+            (
+                (*REPLAY, "--verify", *with_value(option)),
+                f"{option} requires --publish or --foxglove",
+            )
+            for option in PLAYING
+        ),
+        ((*REPLAY, "--publish", "--port", "0"), "--port requires --foxglove"),
         *(
             ((*REPLAY, mode, *with_value(option)), f"{option} requires --plant or --algorithm")
             for mode in ("--verify", "--publish")
@@ -60,8 +69,12 @@ def with_value(option):
             ("design", "no.toml", "--fastest", "--period"),
             "nrs design requires one of --fastest, --period, --jitter, --pin or --accuracy",
         ),
-        (("run", "no.toml", "--stay"), "--stay requires --live"),
-        (("run", "no.toml", "--port", "0"), "--port requires --live"),
+        (("run", "no.toml", "--stay"), "--stay requires --live or --foxglove"),
+        (("run", "no.toml", "--port", "0"), "--port requires --live or --foxglove"),
+        (
+            ("run", "no.toml", "--live", "--foxglove"),
+            "--live and --foxglove exclude one another; leave one of them out",
+        ),
         (("run", "no.toml", "--expect", "1"), "--expect requires --listen or --connect"),
         (
             ("resume", "no.mcap", "--no-restart"),

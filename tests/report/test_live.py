@@ -19,9 +19,9 @@ from typer.testing import CliRunner
 from nrs_cosim.orchestrator.cli.main import app
 from nrs_cosim.orchestrator.engine.pace import RealTime
 from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.orchestrator.report.foxglove import Foxglove
 from nrs_cosim.orchestrator.report.live import Live
 from nrs_cosim.orchestrator.scenario.file import read_scenario
-from nrs_cosim.plant_fmu.processes import start_python
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.report import server as server_module
 from nrs_cosim.recordings.report.server import LiveServer
@@ -106,19 +106,17 @@ def test_an_old_recording_of_the_same_name_is_not_shown(tmp_path):
         assert reader.status == "interrupted"
 
 
-def test_a_dead_live_page_leaves_the_run_and_is_reported(tmp_path, monkeypatch, capsys):
-    started = []
-
-    def start(*arguments, **more):
-        started.append(start_python(*arguments, **more))
-        return started[-1]
-
-    monkeypatch.setattr("nrs_cosim.orchestrator.report.live.start_python", start)
-    with Live(0, stay=False) as live:
+@pytest.mark.parametrize(
+    ("view", "what"), [(Live(0, stay=False), "page"), (Foxglove(0), "Foxglove server")]
+)
+def test_a_dead_server_leaves_the_run_and_is_reported(tmp_path, capsys, view, what):
+    if isinstance(view, Foxglove):
+        pytest.importorskip("foxglove", reason="needs foxglove-sdk, of the extra `foxglove`")
+    with view as live:
         live.begin(tmp_path / "a.mcap", tmp_path / "a.mcap")
-        started[0].kill()
-    assert started[0].returncode == -signal.SIGKILL
-    assert "warning: the process of the page was killed (SIGKILL)" in capsys.readouterr().err
+        live.process.kill()
+    assert live.process.returncode == -signal.SIGKILL
+    assert f"warning: the process of the {what} was killed (SIGKILL)" in capsys.readouterr().err
 
 
 def get(address, path, **headers):

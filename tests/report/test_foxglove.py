@@ -1,0 +1,54 @@
+"""`--foxglove` serves from a process of its own, whose end is no run's."""
+
+import socket
+
+import pytest
+
+from nrs_cosim.bus.errors import InputError
+from nrs_cosim.orchestrator.engine.in_process import in_process
+from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.orchestrator.report.foxglove import Foxglove
+from nrs_cosim.recordings.mcap.reader import Reader
+from tests.scenarios import paper
+
+pytest.importorskip("foxglove", reason="needs foxglove-sdk, of the extra `foxglove`")
+from tests.recordings.foxglove_client import Client
+
+TOPIC = "/robot_1/state"
+
+
+def test_who_comes_late_has_a_run_from_its_beginning_and_a_replay_begins_with_who_listens(
+    tmp_path, capsys
+):
+    path, short = tmp_path / "run.mcap", paper({"run.duration": 1.0})
+    path.write_bytes(b"what was here before")
+
+    def received(view):
+        view.wait_until_served()
+        with Client(view.address) as client:
+            client.until(lambda: TOPIC in client.channels).subscribe([TOPIC])
+            client.until(lambda: len(client.messages) >= len(states))
+            return [(time_ns, data) for _, time_ns, data in client.messages]
+
+    with Foxglove(0) as view:
+        view.begin(path, path)
+        run(short, path, in_process(short))
+        with Reader(path) as reader:
+            states = [(m[0], m[3]) for m in reader.messages([TOPIC])]
+            end = reader.end_ns
+        assert received(view) == states
+    with Foxglove(0) as again:
+        again.replay(path, 0, end, 1e5)
+        assert received(again) == states
+    assert (view.process.returncode, again.process.returncode) == (0, 0)
+    printed = capsys.readouterr().err.splitlines()
+    assert printed == [f"foxglove: {served.address}" for served in (view, again)]
+
+
+def test_a_port_that_is_taken_is_bad_input(tmp_path):
+    with (
+        socket.create_server(("127.0.0.1", 0)) as other,
+        Foxglove(other.getsockname()[1]) as view,
+        pytest.raises(InputError, match=r"^--port \d+: .*in use"),
+    ):
+        view.begin(tmp_path / "a.mcap", tmp_path / "a.mcap")
