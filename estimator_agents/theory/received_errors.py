@@ -13,7 +13,7 @@ be something new to say (statement E2).
 
 from collections.abc import Mapping
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from nrs_cosim.bus.fields import ESTIMATE
 from nrs_cosim.bus.matrices import FEW, Matrix, as_array, identity_like, kron
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import Algorithm
+from nrs_cosim.estimator_agents.theory.all_times import at_all_times, is_straight
 from nrs_cosim.estimator_agents.theory.estimates import (
     BLOCK,
     DENSE,
@@ -40,39 +41,38 @@ MOST = 200_000
 """Sampling periods of the past that a sum may take."""
 
 
+class Added(NamedTuple):
+    """What errors of received samples add to bounds at most."""
+
+    sampled: EstimateBounds
+    """Right before sampling times."""
+    always: EstimateBounds | None
+    """At all times; None where that is not known."""
+
+
 def received_errors(
     period: Recursion | LinearStep, D: Matrix, off: Mapping[str, float], radius: float
-) -> EstimateBounds | None:
+) -> Added | None:
     """Return what errors of up to `off`, by field that is sent, add in steady state on a digraph.
 
     None where ρ = `radius` ≥ 1, and of many robots where something in A is negative.
     """
-    if radius >= 1:
-        return None
     n = D.shape[0]
     if isinstance(period, LinearStep):
         A, samples, names = period.matrix(D), period.samples, period.sent
     else:
         A, samples, names = period.matrix, period.flow @ period.gain, tuple(ESTIMATE)
-    received = kron(samples, D)
     errors = np.kron([off[name] for name in names], np.ones(n))
-    if A.min() >= 0 and received.min() >= 0:
-        return _largest(solve(identity_like(A) - A, received @ errors), n)
-    if n > FEW:
-        return None
-    most = _summed(as_array(A), as_array(received), np.eye(A.shape[0]), errors, radius)
-    return None if most is None else _largest(most, n)
+    return _added(A, kron(samples, D), period.flow, period.h, errors, n, radius)
 
 
 def rounding_errors(
     step: LinearStep, A: Matrix, topology: Topology, steps: Mapping[str, Array], radius: float
-) -> EstimateBounds | None:
+) -> Added | None:
     """Return what rounding to multiples of `steps`, (E,) by field and edge, adds at most (N4).
 
     A is the recursion's matrix, of whose rows the first are x. None as above.
     """
-    if radius >= 1:
-        return None
     n, kernel = topology.n, kron(step.samples, identity_like(topology.D))
     off = np.concatenate(
         [
@@ -80,15 +80,44 @@ def rounding_errors(
             for name in step.sent
         ]
     )
-    under_way = A.shape[0] - kernel.shape[0]
-    if A.min() >= 0 and kernel.min() >= 0:
-        given = np.pad(kernel @ off, (0, under_way))
-        return _largest(solve(identity_like(A) - A, given)[: kernel.shape[0]], n)
-    if n > FEW:
+    return _added(A, kernel, step.flow, step.h, off, n, radius)
+
+
+def _added(
+    A: Matrix, kernel: Matrix, flow: Array, h: float, errors: Array, n: int, radius: float
+) -> Added | None:
+    """Return Σ_j |A^j kernel| errors, and Σ_j |F⁻¹ A^j kernel| errors right after sampling times.
+
+    The kernel is of the first rows of A, which are x, and h is the period.
+    """
+    if radius >= 1:
         return None
-    padded = np.pad(as_array(kernel), ((0, under_way), (0, 0)))
-    most = _summed(as_array(A), padded, np.eye(kernel.shape[0], A.shape[0]), off, radius)
-    return None if most is None else _largest(most, n)
+    x = kernel.shape[0]
+    back = kron(np.linalg.inv(flow), identity_like(kernel[:n, :n]))
+    after, given, rest = back @ A[:x, :x], kernel @ errors, A.shape[0] - x
+    most = None
+    if A.min() >= 0 and kernel.min() >= 0:
+        most = solve(identity_like(A) - A, np.pad(given, (0, rest)))[:x]
+    elif n <= FEW:
+        most = _summed(as_array(A), _padded(kernel, rest), np.eye(x, A.shape[0]), errors, radius)
+    if most is None:
+        return None
+    position, velocity = most.reshape(-1, n)[:2].max(axis=1).tolist()
+    later = None
+    if n <= FEW:
+        seen = np.pad(as_array(back), ((0, 0), (0, rest)))
+        later = _summed(as_array(A), _padded(kernel, rest), seen, errors, radius)
+    elif most is not None and not rest and min(after.min(), (back @ kernel).min()) >= 0:
+        later = back @ most
+    always = None
+    if later is not None and is_straight(flow, h):
+        always = at_all_times(flow, h, most.reshape(-1, n), later.reshape(-1, n), 0.0, 0.0)
+    return Added(EstimateBounds(position, velocity), always)
+
+
+def _padded(kernel: Matrix, rest: int) -> Array:
+    """Return it with rows of 0 for what is under way."""
+    return np.pad(as_array(kernel), ((0, rest), (0, 0)))
 
 
 def periods_between(
@@ -150,8 +179,3 @@ def _weighed(kernels: Array, errors: Array) -> Array:
         return (np.abs(kernels[:, :, 0]) @ errors)[:, None]
     weighed: Array = np.einsum("rcb,c->rb", np.abs(kernels), errors)
     return weighed
-
-
-def _largest(most: Array, n: int) -> EstimateBounds:
-    position, velocity = most.reshape(-1, n)[:2].max(axis=1).tolist()
-    return EstimateBounds(position, velocity)

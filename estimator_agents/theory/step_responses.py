@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.matrices import as_array
+from nrs_cosim.estimator_agents.theory.all_times import is_straight
 from nrs_cosim.estimator_agents.theory.delays import LateStep
-from nrs_cosim.estimator_agents.theory.estimates import BLOCK, DENSE, EstimateBounds, history
+from nrs_cosim.estimator_agents.theory.estimates import BLOCK, DENSE, history
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
-from nrs_cosim.estimator_agents.theory.slow_modes import modulus
 from nrs_cosim.estimator_agents.theory.target_response import impulse_errors
 from nrs_cosim.estimator_agents.theory.worst_case import LEFT
 
@@ -71,13 +71,12 @@ def steps_of(recursion: Recursion) -> Steps | None:
 
 def steps_of_late(late: LateStep, radius: float) -> Steps | None:
     """Return the responses of estimates that move on straight; None where they are not known."""
-    h, s = late.step.h, len(late.step.fields)
-    moves = np.eye(2, s) + h * np.eye(2, s, 1) * [[1], [0]]
-    known = np.array_equal(late.step.flow[:2], moves) and late.topology.n <= ROBOTS
+    h = late.step.h
+    known = is_straight(late.step.flow, h) and late.topology.n <= ROBOTS
     found = impulse_errors(late, radius) if known else None
     if found is None:
         return None
-    limit, errors = found
+    (limit, errors) = found[0][:2], (now[:, :2] for now in found[1])
     back = np.array([[1.0, -h], [0.0, 1.0]])
     rest, most, after = np.stack([limit, limit, 0 * limit]), 0.0, list[Array]()
     for count, now in enumerate(errors):
@@ -91,12 +90,3 @@ def steps_of_late(late: LateStep, radius: float) -> Steps | None:
         if not size < inf or count * now.size > WORK or count > PERIODS:
             return None
     return None
-
-
-def worst_after(steps: Steps, gamma_1: float, gamma_2: float) -> EstimateBounds:
-    """Return bounds on the errors right after sampling times, where u of W2 is 0."""
-    now, early = (steps.after[:, e] - steps.limit for e in (0, 1))
-    driven = modulus(now, early, steps.h).sum(axis=0) + np.abs(steps.after[:, 2:]).sum(axis=(0, 1))
-    most = gamma_2 * driven + gamma_1 * np.abs(steps.limit)
-    position, velocity = most.max(axis=1).tolist()
-    return EstimateBounds(position, velocity)

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.estimator_agents.theory.all_times import at_all_times
 from nrs_cosim.estimator_agents.theory.delays import LateStep
 from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
 from nrs_cosim.estimator_agents.theory.linear_step import NEAR
@@ -31,29 +32,37 @@ WORK = 3e8
 
 
 def worst_of_step(
-    late: LateStep, gamma_1: float, gamma_2: float, radius: float
-) -> EstimateBounds | None:
+    late: LateStep, gamma_1: float, gamma_2: float, radius: float, chord: float = 0.0
+) -> tuple[EstimateBounds, EstimateBounds | None] | None:
     """Return bounds on the errors in steady state, for any target within γ1 and γ2.
 
-    None where ρ = `radius` ≥ 1, where the target's sample is not that of an agent which is right,
-    where those do not stay so at a target that rests, or where the past that counts is too long.
+    They are of sampling times, and of all times, as `all_times` has them. None where ρ = `radius` ≥
+    1, where the target's sample is not that of an agent which is right, where those do not stay so
+    at a target that rests, or where the past that counts is too long.
     """
-    found = impulse_errors(late, radius)
+    found, step = impulse_errors(late, radius), late.step
     if found is None:
         return None
     straight, errors = found
-    sums = np.zeros(straight.shape)
-    for early, end, pulse in errors:
-        added = _integral(early - straight, end - straight, late.step.h) + np.abs(pulse)
-        sums += added
-        if added.max() <= LEFT * (1 - radius) * sums.max():
-            position, velocity = (gamma_2 * sums + gamma_1 * np.abs(straight)).max(axis=1).tolist()
-            return EstimateBounds(position, velocity)
+    back = np.linalg.inv(step.flow)
+    sums = before = after = np.zeros(straight.shape)
+    for k, (early, end, pulse) in enumerate(errors):
+        added = _integral(early - straight, end - straight, step.h) + np.abs(pulse)
+        sums = sums + added
+        after = after + np.abs(back @ pulse)
+        if k:  # what begins in a period does nothing right after the sampling time before it
+            after = after + _integral(back @ (early - straight), back @ (end - straight), step.h)
+        if added[:2].max() <= LEFT * (1 - radius) * sums[:2].max():
+            before = gamma_2 * sums + gamma_1 * np.abs(straight)
+            after = gamma_2 * after + gamma_1 * np.abs(back @ straight)
+            position, velocity = before[:2].max(axis=1).tolist()
+            always = at_all_times(step.flow, step.h, before, after, gamma_2, chord)
+            return EstimateBounds(position, velocity), always
     return None
 
 
 def impulse_errors(late: LateStep, radius: float) -> tuple[Array, Iterator[Array]] | None:
-    """Return S, (2, n), and u_k at both ends of a period and v_k, (3, 2, n), for k = 1, 2, …
+    """Return S, (s, n), and u_k at both ends of a period and v_k, (3, s, n), for k = 1, 2, …
 
     None as above; and no more of them than are worth the work.
     """
@@ -65,9 +74,9 @@ def impulse_errors(late: LateStep, radius: float) -> tuple[Array, Iterator[Array
     parts = late.parts()
     weights = [(d, np.asarray(D.sum(axis=1)).ravel() + own) for d, D, own in parts]
     slope = _given(late, weights, lambda d: np.array([-d * step.h, 1, 0]), np.array([step.h, 1, 0]))
-    straight = np.zeros((2, n))
+    straight = np.zeros((len(E), n))
     if not np.allclose(slope, 0, atol=NEAR):
-        straight = late.settled(1.0, slope, parts).real[:2]
+        straight = late.settled(1.0, slope, parts).real
 
     def errors() -> Iterator[Array]:
         x = np.zeros((len(E), n, 3))
@@ -78,7 +87,7 @@ def impulse_errors(late: LateStep, radius: float) -> tuple[Array, Iterator[Array
                 given = _of_all(late, weights, k)
             x = late.advance(recent, parts) + given
             recent = [*recent[1:], x]
-            yield np.moveaxis(x[:2], -1, 0)
+            yield np.moveaxis(x, -1, 0)
 
     return straight, errors()
 

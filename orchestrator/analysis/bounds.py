@@ -1,7 +1,7 @@
 """Before a run: how near its estimates and its robots come to the target, as the theory has it."""
 
 from dataclasses import asdict, dataclass
-from math import inf
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -19,9 +19,14 @@ from nrs_cosim.estimator_agents.theory.estimates import (
     PaperBound,
     SteadyMotion,
 )
-from nrs_cosim.estimator_agents.theory.received_errors import periods_between, received_errors
+from nrs_cosim.estimator_agents.theory.received_errors import (
+    Added,
+    periods_between,
+    received_errors,
+)
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
+from nrs_cosim.orchestrator.analysis.chords import chords_of
 from nrs_cosim.orchestrator.analysis.conditions import finite
 from nrs_cosim.orchestrator.analysis.convergence import (
     lasting,
@@ -30,7 +35,7 @@ from nrs_cosim.orchestrator.analysis.convergence import (
     rho_of,
     spectra_of,
 )
-from nrs_cosim.orchestrator.analysis.known import Known, of_recursion, of_step
+from nrs_cosim.orchestrator.analysis.known import Known, of_drawn_delays, of_recursion, of_step
 from nrs_cosim.orchestrator.analysis.link_recursions import step_of_run
 from nrs_cosim.orchestrator.analysis.missing_bounds import why_no_bounds
 from nrs_cosim.orchestrator.analysis.noise import (
@@ -42,7 +47,7 @@ from nrs_cosim.orchestrator.analysis.noise import (
 from nrs_cosim.orchestrator.analysis.plant_bounds import Bounded, Find, plant_bounds
 from nrs_cosim.orchestrator.analysis.stiffness import Stiffness, sampled_mobility, stiffness
 from nrs_cosim.orchestrator.analysis.tracking import Tracking, tracking_of
-from nrs_cosim.orchestrator.analysis.without_loops import sliding_velocity
+from nrs_cosim.orchestrator.analysis.without_loops import sliding_bounds
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuMotion, SampledTarget, TargetMotion
 
@@ -75,15 +80,14 @@ class UltimateBounds:
     step: LateStep | None
     """A period of agents that keep more, or over links that are late; None of others, which have
     recursions."""
-    added: EstimateBounds | None
+    added: Added | None
     """What is added to these by errors of what is received; None of an algorithm without such."""
     noise: NoiseAnalysis | None
     """What noise on links comes to; None where there is none."""
     gaps: NDArray[np.float64] | None
     """(n,) how many sampling periods lie at least between two samples of each robot (E2)."""
     worst_case: EstimateBounds | None
-    velocity: float | None
-    """What velocities come to where nothing else is known: of `sliding` (W5)."""
+    """Infinite of a quantity of which nothing is known beside the other."""
     paper: PaperBound | None
     robots: list[Bounded]
     tracking: Tracking
@@ -95,14 +99,8 @@ class UltimateBounds:
         """The largest that the estimates' errors come to, for this target."""
         if self.motion is None:
             return None
-        return self.motion.bound.plus(self.added) if self.added else self.motion.bound
-
-    @property
-    def worst_case_of_each(self) -> EstimateBounds | None:
-        """The worst case; infinite of a quantity of which nothing is known beside the other."""
-        if self.worst_case or self.velocity is None:
-            return self.worst_case
-        return EstimateBounds(inf, self.velocity)
+        bound = self.motion.bound
+        return bound.plus(self.added.sampled) if self.added else bound
 
     @property
     def sampled(self) -> bool:
@@ -119,7 +117,7 @@ class UltimateBounds:
             "norms": _norms(self.paper) if self.paper else [],
             "estimates": {
                 "steady_state": pair_json(self.steady_state),
-                "worst_case": pair_json(self.worst_case_of_each),
+                "worst_case": pair_json(self.worst_case),
                 "paper": pair_json(self.paper.bound if self.paper else None),
             },
             "noise": self.noise.as_json() if self.noise else None,
@@ -157,7 +155,7 @@ def bounds(ultimate: UltimateBounds) -> list[Bound]:
     )
     paper, of_tracking = ultimate.paper.bound if ultimate.paper else None, ultimate.tracking
     return [
-        *_rows(estimates, ultimate.steady_state, ultimate.worst_case_of_each, paper),
+        *_rows(estimates, ultimate.steady_state, ultimate.worst_case, paper),
         *_rows(
             tracking,
             None,
@@ -207,14 +205,15 @@ def ultimate_bounds(
     middle, r = ((periods.longest + sign * periods.shortest) / 2 for sign in (1, -1))
     recursions = recursions_of(algorithm, topologies, periods.constant_period or middle)
     recursion = lasting(recursions, topologies)
+    spectra = spectra_of(topologies)
     if rho is None:
-        rho = rho_of(algorithm, topologies, spectra_of(topologies), periods)
+        rho = rho_of(algorithm, topologies, spectra, periods)
     robots = plant_bounds(experiment, find)
     whole = target.bounds()
     step, since = step_of_run(experiment, periods, recursions)
     links_bounded = not experiment.impaired or step is not None
     if experiment.impaired and step:
-        rho = RadiusBounds(*[step.radius(spectra_of(topologies)[-1][0])] * 2)
+        rho = RadiusBounds(*[step.radius(spectra[-1][0])] * 2)
         if step.longest or not recursions:
             recursions, recursion = [], None
     why_not = why_no_bounds(experiment, algorithm, recursions, recursion, step, rho, links_bounded)
@@ -223,20 +222,27 @@ def ultimate_bounds(
         added, gaps = _added(experiment, recursion, step, rho.radius)
         why_not = "" if added else _UNKNOWN_ERRORS
     step = None if recursions else step
-    known = Known()
-    if step is not None and not why_not:
-        known = of_step(step, target, rho.radius, added)
+    chords = chords_of(experiment)
+    chord = chords.step if chords else 0.0
+    sliding, drawn = sliding_bounds(experiment), None
+    if experiment.impaired and not links_bounded:
+        drawn = of_drawn_delays(experiment, spectra[-1][0], periods, chord)
+    known = Known(None, sliding, sliding if sliding and isfinite(sliding.position) else None)
+    if drawn or known.always:
+        known, why_not, recursions, recursion = drawn or known, "", [], None
+    elif step is not None and not why_not:
+        known = of_step(step, target, rho.radius, added, chord)
     elif recursion is not None and not why_not and periods.constant_period is None:
         both = None
         if not periods.early:
             both = worst_case_of_list(recursion, periods.gaps, *whole, rho.radius)
         if both is None:
-            radius = spectral_radius(modes(algorithm, spectra_of(topologies)[-1], middle))
+            radius = spectral_radius(modes(algorithm, spectra[-1], middle))
             both = worst_case_aperiodic(recursion, r, *whole, radius)
         known = Known(None, *(both or ()))
     elif recursion is not None and not why_not:
         known = of_recursion(recursion, target, rho.radius, added, topologies.switching)
-    constant = recursion if periods.constant_period is not None else None
+    constant = recursion if periods.constant_period is not None and not added else None
     of_paper = known.paper.bound if known.paper else None
     tracking = tracking_of(robots, target, constant, known.always, of_paper, known.steps)
     source = _source(experiment.scenario.target)
@@ -255,7 +261,6 @@ def ultimate_bounds(
         noise_analysis(experiment, periods),
         gaps,
         known.worst,
-        sliding_velocity(experiment),
         known.paper,
         robots,
         tracking,
@@ -265,7 +270,7 @@ def ultimate_bounds(
 
 def _added(
     experiment: Experiment, recursion: Recursion | None, step: LateStep | None, radius: float
-) -> tuple[EstimateBounds | None, NDArray[np.float64] | None]:
+) -> tuple[Added | None, NDArray[np.float64] | None]:
     """Return what errors of received samples add, and how long robots are silent, if known."""
     if experiment.impaired:
         return (rounding_bounds(experiment, step, radius) if step else None), None

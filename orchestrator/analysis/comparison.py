@@ -229,7 +229,8 @@ def _beginning(
     unknown = not {*fields} <= {*experiment.algorithm.STATE}
     if step and experiment.impaired:  # what was under way is known of what is recorded alone
         past, unknown = step.longest, len(fields) > len(ESTIMATE)
-    if unknown or (motion is None and ultimate.worst_case is None):
+    no_recursion = step is None and not ultimate.recursions  # nor is what is left of a beginning
+    if unknown or no_recursion or (motion is None and ultimate.worst_case is None):
         return (None,) * 4, 0.0, None
     if motion is not None and not np.all(np.isfinite(motion.phasor)):
         return (None,) * 4, 0.0, None

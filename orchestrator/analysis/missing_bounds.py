@@ -7,7 +7,7 @@ from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
 from nrs_cosim.estimator_agents.theory.delays import LateStep
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.orchestrator.analysis.convergence import periods_of, why_unknown
-from nrs_cosim.orchestrator.analysis.link_faults import lasting_digraph
+from nrs_cosim.orchestrator.analysis.link_faults import lasting_digraph, link_faults_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
 _FEWER = "of agents that keep more than a position and a velocity there are bounds "
@@ -34,9 +34,7 @@ def why_no_bounds(
         "of several digraphs there are bounds over links without faults alone": (
             not links_bounded and lasting_digraph(topologies) is None
         ),
-        "links lose samples, add noise or draw delays, and bounds are of links that do not": (
-            not links_bounded
-        ),
+        _why_unbounded(experiment): not links_bounded,
         why_unknown(algorithm, topologies, periods): isnan(rho.upper),
         "the algorithm pulls the estimates to the origin": pulled,
         _not_converging(rho): rho.status != "proven",
@@ -55,6 +53,20 @@ def why_no_bounds(
         ),
     }
     return next((why for why, so in reasons.items() if so), "")
+
+
+def _why_unbounded(experiment: Experiment) -> str:
+    """Return why nothing is the most that links may do."""
+    faults = link_faults_of(experiment)
+    if faults.loss.any():
+        return "links lose samples, any number in a row: errors have mean squares, and no bound"
+    if faults.noisy:
+        return "links add noise, which has a variance, and no bound"
+    if faults.fixed:
+        return "over such links there are none"
+    if experiment.missing == "drop":
+        return "of delays that are drawn there are bounds where agents hold"
+    return "of delays that are drawn there are bounds on one digraph where D3 says they converge"
 
 
 def _not_converging(rho: RadiusBounds) -> str:

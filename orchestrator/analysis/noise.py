@@ -17,10 +17,9 @@ from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import nominal_of
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods
 from nrs_cosim.estimator_agents.theory.delays import LateStep
-from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
 from nrs_cosim.estimator_agents.theory.linear_step import LinearStep, linear_step
 from nrs_cosim.estimator_agents.theory.noise import NoiseFloor, noise_floor, received_covariance
-from nrs_cosim.estimator_agents.theory.received_errors import rounding_errors
+from nrs_cosim.estimator_agents.theory.received_errors import Added, rounding_errors
 from nrs_cosim.estimator_agents.theory.recursion import recursion_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
@@ -131,7 +130,7 @@ def rounds(experiment: Experiment) -> bool:
     return any(fault.quantisation for fault in experiment.link_faults.values())
 
 
-def rounding_bounds(experiment: Experiment, late: LateStep, radius: float) -> EstimateBounds | None:
+def rounding_bounds(experiment: Experiment, late: LateStep, radius: float) -> Added | None:
     """Return what rounding on links adds to the bounds at most; None where it is not known."""
     topology = late.topology
     steps = {name: _by_field(experiment, topology, "quantisation", name) for name in late.step.sent}

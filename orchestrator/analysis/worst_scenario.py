@@ -19,7 +19,8 @@ def worst_target_changes(experiment: Experiment, ultimate: UltimateBounds) -> di
 
     `InputError` where the worst case is not computed, or no target is known that attains it.
     """
-    recursion = lasting(ultimate.recursions, experiment.topologies)
+    recursions = ultimate.recursions
+    recursion = lasting(recursions, experiment.topologies) if recursions else None
     none = f"{experiment.name}: no target is known that attains the worst case"
     if ultimate.why_not:
         raise InputError(f"{none}: {ultimate.why_not}")

@@ -223,7 +223,7 @@ def bound_rows(ultimate: "UltimateBounds") -> dict[str, str]:
         f"(gamma_1, gamma_2 of assumption A1{ultimate.source and ', '}{ultimate.source})"
     }
     if ultimate.why_not:
-        of_velocities = ultimate.velocity is not None
+        of_velocities = ultimate.worst_case is not None
         some = "of velocities alone (statement W5)" if of_velocities else "none"
         rows["bounds"] = f"{some}: {ultimate.why_not}"
     elif ultimate.paper is None and ultimate.recursions and not ultimate.added:

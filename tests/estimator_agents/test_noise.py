@@ -162,7 +162,7 @@ def test_no_rounding_takes_errors_further_than_its_bound_and_the_worst_comes_nea
     A, _, radius = floor_of(*case)
     assume(radius < 0.9)
     step = linear_step(KINDS[order](alpha, beta), h)
-    bound = rounding_errors(step, A, topology, steps, radius)
+    bound = rounding_errors(step, A, topology, steps, radius).sampled
     n, rng = topology.n, np.random.default_rng(seed)
     links = [*zip(topology.source, topology.sink, topology.normalised, strict=True)]
 

@@ -44,15 +44,19 @@ def late_steps(draw):
 
 
 def target(rng, gamma_1, gamma_2, h, ticks, runs):
-    """Return positions, velocities and accelerations at t_k of random targets, (3, ticks, runs).
+    """Return positions, velocities and accelerations of random targets at t_k and halfway on.
+
+    Both are (3, ticks, runs).
 
     Accelerations are ±γ2 or 0 for quarters of a period, but where that would pass γ1.
     """
-    z, p, v = np.zeros((3, ticks, runs)), np.zeros(runs), np.zeros(runs)
+    z, p, v = np.zeros((2, 3, ticks, runs)), np.zeros(runs), np.zeros(runs)
     held = np.zeros(runs)
     for k in range(ticks):
-        z[:, k] = p, v, held
-        for _ in range(4):
+        z[0, :, k] = p, v, held
+        for quarter in range(4):
+            if quarter == 2:
+                z[1, :, k] = p, v, held
             turn = rng.random(runs) < 0.15
             held = np.where(turn, gamma_2 * rng.integers(-1, 2, runs), held)
             held = np.where(np.abs(v + held * h / 4) > gamma_1, 0.0, held)
@@ -61,7 +65,7 @@ def target(rng, gamma_1, gamma_2, h, ticks, runs):
 
 
 def followed(late, z):
-    """Return the errors of agents that begin at rest, (ticks, 2, n, runs): robot by robot."""
+    """Return errors of agents that begin at rest, (ticks, 2, n, runs), and x: robot by robot."""
     step, topology = late.step, late.topology
     E, s, n = step.truth, len(step.fields), topology.n
     edges = [*zip(topology.source, topology.sink, topology.normalised, late.delay, strict=True)]
@@ -74,7 +78,7 @@ def followed(late, z):
             if k >= d:
                 sent = x[k - d, :, j - 1] if j else E @ z[:, k - d]
                 x[k + 1, :, i - 1] += weight * step.received @ sent
-    return errors
+    return errors, x
 
 
 @settings(FUZZ)
@@ -82,12 +86,21 @@ def followed(late, z):
 def test_no_target_takes_agents_beyond_the_bound(late, gamma_1, seed):
     radius = np.abs(np.linalg.eigvals(np.asarray(_dense(late.matrix())))).max()
     assume(radius < 0.8)
-    bound = worst_of_step(late, gamma_1, 1.0, radius)
-    assert bound is not None
-    z = target(np.random.default_rng(seed), gamma_1, 1.0, late.step.h, 70, 10)
-    found = np.abs(followed(late, z)).max(axis=(0, 2, 3))
+    bound, always = worst_of_step(late, gamma_1, 1.0, radius)
+    z, mid = target(np.random.default_rng(seed), gamma_1, 1.0, late.step.h, 70, 10)
+    errors, x = followed(late, z)
+    found = np.abs(errors).max(axis=(0, 2, 3))
     assert found[0] <= bound.position * (1 + 1e-9)
     assert found[1] <= bound.velocity * (1 + 1e-9)
+    # Right after sampling times, and halfway to the next: half of F by its powers of F − I.
+    N, E = late.step.flow - np.eye(len(x[0])), late.step.truth
+    after = np.einsum("ab,kbnr->kanr", np.linalg.inv(late.step.flow), x[1:])
+    for part, truth in ((np.eye(len(N)), z), (np.eye(len(N)) + N / 2 - N @ N / 8, mid)):
+        there = np.einsum("ab,kbnr->kanr", part, after)
+        off = there[:, :2] - np.einsum("ab,bkr->kar", E, truth)[:, :2, None]
+        found = np.abs(off).max(axis=(0, 2, 3))
+        assert found[0] <= always.position * (1 + 1e-9)
+        assert found[1] <= always.velocity * (1 + 1e-9)
 
 
 @settings(FUZZ, max_examples=cases(300, 30))
@@ -100,7 +113,10 @@ def test_of_agents_without_more_it_is_the_sharp_one_where_speed_does_not_matter(
     radius = np.abs(np.linalg.eigvals(recursion.matrix)).max()
     assume(radius < 0.9)
     late = LateStep(linear_step(law, h), topology, np.zeros(len(topology.source), np.int64))
-    found, attained = worst_of_step(late, 1e9, 1.0, radius), worst_case(recursion, 1e9, 1.0, radius)
+    (found, _), attained = (
+        worst_of_step(late, 1e9, 1.0, radius),
+        worst_case(recursion, 1e9, 1.0, radius),
+    )
     assert found.position == pytest.approx(attained.position, rel=1e-6)
     assert found.velocity == pytest.approx(attained.velocity, rel=1e-6)
 

@@ -15,6 +15,7 @@ from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import measure
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import errors_by_tick
+from tests.cases import cases
 from tests.estimator_agents.paper import ADJACENCY
 from tests.orchestrator.networks import PAPER, PATH, phases, separate
 from tests.scenarios import SECOND_ORDER, paper
@@ -141,6 +142,41 @@ def test_the_beginning_of_a_run_over_late_links_explains_what_is_above_the_bound
     row = found.quantities[0]
     assert row.status == "transient"
     assert row.bound.steady_state < row.measured <= row.bound.steady_state + row.transient
+
+
+THIRD = {"algorithm": {"name": "dcea3", "alpha": 0.9, "beta": 0.9, "gamma": 0.9}}
+ROUNDED = {"faults.links": [{"quantisation": 0.05, "delay": 1}]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ([{"algorithm.beta": 0.9}, DRAWN], ""),
+        ([SECOND_ORDER, ROUNDED], ""),
+        ([TRIGGERED], ""),
+        ([THIRD], ""),
+        ([TURNS], ""),
+        ([{"run.sampling_jitter": 0.2}], ""),
+        ([SECOND_ORDER, DRAWN], "where D3 says they converge"),
+        ([DRAWN, DROP], "where agents hold"),
+        ([HALF], "any number in a row"),
+        ([{"faults.links": [{"noise": 0.1}]}], "a variance, and no bound"),
+        ([TURNS, LATE], "of several digraphs there are bounds over links without faults alone"),
+    ],
+)
+def test_tracking_has_a_proven_bound_or_it_is_said_why_not(changes, why, tmp_path):
+    """All that has one is run too, where all cases are tried."""
+    experiment = paper(*changes, {"plant.fmu": "planar_robot"})
+    ultimate = ultimate_bounds(experiment)
+    found = ultimate.tracking.worst_case
+    assert (found is None) == bool(why)
+    assert why in ultimate.why_not
+    if found and cases(True, False):
+        run(experiment, tmp_path / "bounded.mcap")
+        with Reader(tmp_path / "bounded.mcap") as reader:
+            most = measure(reader, experiment)
+        assert most.position_tracking <= found.position
+        assert most.velocity_tracking <= found.velocity
 
 
 def test_over_late_links_errors_grow_as_of_a_period_of_digraphs_in_turn(tmp_path):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from nrs_cosim.orchestrator.analysis.bounds import bounds, ultimate_bounds
+from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.cli.theory_text import _complex, bound_rows
 from nrs_cosim.orchestrator.report.subject import subject_of
@@ -150,21 +150,3 @@ def test_over_late_links_no_norm_is_spoken_of_that_belongs_to_no_recursion():
     )
     assert "norm" in sound
     assert "norm" not in late
-
-
-@pytest.mark.parametrize(
-    ("adjacency", "pinning", "depth"),
-    [
-        ([[0, 0, 0], [1, 0, 0], [1, 1, 0]], [1, 0, 1], 3),
-        ([[0, 0, 0], [1, 0, 0], [1, 0, 0]], [1, 1, 0], 2),
-        ([[0, 1, 0], [1, 0, 0], [1, 0, 0]], [1, 0, 0], None),
-    ],
-)
-def test_velocities_of_sliding_have_the_bound_of_the_longest_path(adjacency, pinning, depth):
-    network = {"network": {"adjacency": adjacency, "pinning": pinning}, "initial": {}}
-    sliding = {"algorithm": {"name": "sliding", "alpha": 0.3, "beta": 0.3}}
-    rows = bounds(ultimate_bounds(paper(sliding, network)))
-    assert rows[0].worst_case is None
-    assert rows[1].worst_case == (None if depth is None else pytest.approx(depth * (0.3 + 0.1)))
-    faulty = ultimate_bounds(paper(sliding, network, {"faults.links": [{"loss": 0.1}]}))
-    assert faulty.velocity is None
