@@ -60,9 +60,8 @@ static fmi3Status fail(Component *component)
         exit(7);
     case HANG:
         tell("hangs\n");
-        for (volatile int forever = 1; forever;)
-            continue;
-        break;
+        for (;;)
+            pause();
     case DISCARD:
         return fmi3Discard;
     case ERROR:
