@@ -8,6 +8,7 @@ import numpy as np
 
 from nrs_cosim.api.scenario import Scenario
 from nrs_cosim.bus.errors import MissingExtraError
+from nrs_cosim.bus.plurals import count_of
 from nrs_cosim.orchestrator.study.boundary import changes_along
 from nrs_cosim.orchestrator.study.rows import COLUMNS, StudyRow, table_digest
 from nrs_cosim.orchestrator.study.statistics import statistics_of
@@ -67,7 +68,7 @@ class Study:
         """Return how many runs there are, by status."""
         counts = self._table("status").counts
         counted = ", ".join(f"{count} {status}" for status, count in sorted(counts.items()))
-        return f"Study({sum(counts.values())} runs: {counted})"
+        return f"Study({count_of(sum(counts.values()), 'run')}: {counted or 'none'})"
 
     def scenario(self, key: str) -> Scenario:
         """Return the scenario of a row, to be run again with a recording.

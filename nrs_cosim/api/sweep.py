@@ -62,8 +62,7 @@ def sweep(
     """Run a scenario over axes and seeds, and return the study.
 
     What is in the folder already is not run again, so the same call goes on where a crash, or
-    Ctrl-C, has ended it, and one with more values runs what is new. A script needs a main guard,
-    `if __name__ == "__main__":`, as with all processes of Python, where it is not Linux.
+    Ctrl-C, has ended it, and one with more values runs what is new. A script needs no main guard.
 
     Args:
         scenario: What is run; several stand on an axis `scenario`, by their names.

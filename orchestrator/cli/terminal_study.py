@@ -56,6 +56,7 @@ from nrs_cosim.orchestrator.terminal import err, out, say
 
 TIMED, READ = 3, 1000
 """Points that a dry run runs, to say how long the others take, and that it reads at most."""
+KEPT = "all rows are kept; the same command goes on"
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +131,21 @@ def perform_sweep(options: SweepOptions, *, dry_run: bool) -> None:
     if dry_run:
         _show_dry_run(plan, options)
         return
+    try:
+        stopped = _swept(plan, options)
+        found = study_summary(options.output)
+    except KeyboardInterrupt:  # before the first point, or twice
+        raise KeyboardInterrupt(KEPT) from None
+    if not options.as_json:
+        show_study(out, found)
+    if stopped:
+        say("yellow", "interrupted", KEPT)
+        raise typer.Exit(INTERRUPTED)
+    raise typer.Exit(FAILED if found["failures"] else DONE)
+
+
+def _swept(plan: StudyPlan, options: SweepOptions) -> bool:
+    """Run a study into its folder; return whether the user has stopped it."""
     make_folder(options.output / "study.json")
     store = StudyStore(options.output)
     refinement = Refinement(options.refine, options.width) if options.refine else None
@@ -141,13 +157,7 @@ def perform_sweep(options: SweepOptions, *, dry_run: bool) -> None:
     ):
         again = FAILURES if options.retry else ()
         sweep_into(store, plan, options.engine(), follow, stopped, again, refinement)
-    found = study_summary(options.output)
-    if not options.as_json:
-        show_study(out, found)
-    if stopped():
-        say("yellow", "interrupted", "all rows are kept; the same command goes on")
-        raise typer.Exit(INTERRUPTED)
-    raise typer.Exit(FAILED if found["failures"] else DONE)
+        return stopped()
 
 
 def study_summary(folder: Path) -> dict[str, Any]:
@@ -193,8 +203,8 @@ def show_study(console: Console, found: Mapping[str, Any]) -> None:
     counts = ", ".join(f"{count} {status}" for status, count in found["statuses"].items())
     rows = {"study": found["folder"], "rows": f"{found['rows']}: {counts or 'none'}"}
     for key, values in found["axes"].items():
-        ends = f"{values[0]} to {values[-1]}" if len(values) > 1 else f"{values[0]}"
-        rows[key] = f"{count_of(len(values), 'value')}, {ends}"
+        ends = f", {values[0]} to {values[-1]}" if len(values) > 1 else f", {values[0]}"
+        rows[key] = count_of(len(values), "value") + (ends if values else "")
     if len(found["seeds"]) > 1:
         rows["seeds"] = str(len(found["seeds"]))
     for key, changes in found["boundaries"].items():

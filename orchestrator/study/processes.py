@@ -1,8 +1,9 @@
 """Processes that run points end with whoever started them, and leave Ctrl-C to it.
 
 They are forked from a server that has loaded what a run needs, and holds no session and no thread;
-where there is none such, as on macOS, each is started anew. A process that was killed breaks its
-pool for all, so a pool is made again, by the loop of `dispatch`.
+where there is none such, as on macOS, each is started anew. None runs the caller's script again, of
+which it needs nothing. A process that was killed breaks its pool for all, so a pool is made again,
+by the loop of `dispatch`.
 """
 
 import multiprocessing
@@ -12,7 +13,7 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import connection, parent_process
+from multiprocessing import connection, parent_process, spawn
 from threading import Thread
 from typing import Any
 
@@ -45,7 +46,7 @@ class PoolExecutor(ProcessPoolExecutor):
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Submit; a process that is started for it never sees Ctrl-C, from its beginning on."""
-        with _no_interrupt():
+        with _no_interrupt(), _no_script():
             return super().submit(fn, *args, **kwargs)
 
     def kill_workers(self) -> None:
@@ -75,3 +76,19 @@ def _no_interrupt() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _no_script() -> Iterator[None]:
+    """Let processes that are started know all but the caller's script, which they would import."""
+    whole = spawn.get_preparation_data
+
+    def without(name: str) -> dict[str, Any]:
+        known = whole(name).items()
+        return {key: value for key, value in known if not key.startswith("init_main_from")}
+
+    spawn.get_preparation_data = without
+    try:
+        yield
+    finally:
+        spawn.get_preparation_data = whole

@@ -155,20 +155,23 @@ class TestRun:
         asyncio.run(main())
         assert found == [expected] * 3
 
-    def test_a_run_works_in_a_script_without_a_main_guard(self, tmp_path):
+    def test_a_run_and_a_study_work_in_a_script_without_a_main_guard(self, tmp_path):
         script = tmp_path / "script.py"
         script.write_text(
             "import nrs_cosim as nrs\n"
             f"scenario = nrs.Scenario.load({str(PAPER)!r})\n"
             "with nrs.run(scenario, workers=2) as recording:\n"
-            "    print(recording.digest)\n",
+            "    print(recording.digest)\n"
+            "print(nrs.sweep(scenario.replace({'run.duration': 1.0}), {}, jobs=1))\n",
             "utf-8",
         )
         done = subprocess.run(
             [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=False
         )
         assert done.returncode == 0, done.stderr
-        assert done.stdout.startswith(DIGEST)
+        digest, study = done.stdout.splitlines()
+        assert digest.startswith(DIGEST)
+        assert study == "Study(1 run: 1 converged)"
         assert done.stderr == ""
 
     def test_an_interrupt_closes_the_recording_and_is_raised(self, paper, tmp_path):

@@ -17,6 +17,7 @@ from nrs_cosim.orchestrator.study.engines import local_engine
 from nrs_cosim.orchestrator.study.plan import StudyPlan
 from nrs_cosim.orchestrator.study.store import StudyStore
 from nrs_cosim.orchestrator.study.study import sweep_into
+from tests.cases import cases
 from tests.guard import GUARD, VAIN
 from tests.plant_fmu.faulty_fmu import FAULTS, built, three_robots
 from tests.scenarios import PAPER, PAPER_FILE, example, paper, write
@@ -143,3 +144,31 @@ def test_ctrl_c_ends_a_study_quietly_and_keeps_its_rows(tmp_path, serial):
     assert all(is_gone(row["pid"]) for row in rows)
     assert {row["key"] for row in rows} <= {row.key for row in nrs.Study(tmp_path / "study").rows}
     assert resumed(tmp_path).digest == serial
+
+
+@pytest.mark.parametrize(
+    ("place", "call", "times", "rows"),
+    cases(
+        [
+            ("read", 1, 1, 0), ("read", 7, 1, 3), ("read", 7, 2, 2), ("rolled", 1, 1, 4),
+            ("rolled", 1, 2, 4), ("cut", 1, 2, 4),
+        ],
+        [("read", 7, 2, 2), ("rolled", 1, 2, 4)],
+    ),
+)  # fmt: skip
+def test_ctrl_c_while_points_are_read_or_rows_are_rolled_keeps_them(
+    tmp_path, place, call, times, rows
+):
+    write(tmp_path / "s.toml", {"run.duration": 0.5})
+    over = "algorithm.alpha=0.5,0.7,0.9,1.1"
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.study.interrupted", place, str(call), str(times), "sweep",
+         tmp_path / "s.toml", "--over", over, "-o", tmp_path / "study", "--jobs", "0", "--json"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 130, done.stderr
+    assert done.stderr == "interrupted: all rows are kept; the same command goes on\n"
+    said = [json.loads(line)["row"]["key"] for line in done.stdout.splitlines() if "row" in line]
+    kept = [row.key for row in StudyStore(tmp_path / "study").rows()]
+    assert kept == said
+    assert len(kept) == rows
