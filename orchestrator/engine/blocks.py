@@ -4,7 +4,8 @@ At each tick its samples are put on the bus and received, as ever; what is recei
 bytes that were put, and whatever else comes is left to those who judge it. What is recorded of a
 block of ticks is one batch. A block ends before a checkpoint, and before a tick at which something
 fails: it is told first. It is no longer than `MOST_BYTES` of messages or `MOST_SECONDS` of wall
-time.
+time, and has one tick at least, also where the process got no time: nobody waits for a block of
+none.
 """
 
 from time import perf_counter
@@ -77,7 +78,7 @@ class Blocks:
         if every := self._worker.checkpoints_every:
             end = min(end, (first // every + 1) * every - 1)
         try:
-            while last < end and perf_counter() < due:
+            while last < end and (last < first or perf_counter() < due):
                 received += self._do(last + 1, last + 1 - first, watch)
                 last += 1
         except Exception as error:

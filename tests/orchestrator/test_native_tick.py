@@ -17,6 +17,7 @@ from nrs_cosim.estimator_agents.dcea1 import FirstOrder
 from nrs_cosim.estimator_agents.dcea2 import SecondOrder
 from nrs_cosim.estimator_agents.event_triggered import EventTriggered
 from nrs_cosim.estimator_agents.values import Values
+from nrs_cosim.orchestrator.engine import blocks
 from nrs_cosim.orchestrator.engine import robots as engine_robots
 from nrs_cosim.orchestrator.engine import run as engine_run
 from nrs_cosim.orchestrator.engine.in_process import NAME, in_process
@@ -30,6 +31,7 @@ from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.recordings.mcap.arrangement import by_numpy
 from nrs_cosim.recordings.mcap.reader import Reader
+from tests.guard import VAIN
 from tests.scenarios import SECOND_ORDER, paper
 
 H = 100_000_000
@@ -191,3 +193,15 @@ def test_what_else_comes_while_a_block_is_done_is_judged_as_ever(tmp_path):
     found = run(experiment, tmp_path / "found.mcap", launch, watch=strange)
     assert how(found) == how(plain)
     assert (sum(found.rejected.values()), found.repeated) == (3, 1)
+
+
+def test_where_the_process_is_held_up_before_a_tick_it_does_that_tick_all_the_same(
+    tmp_path, monkeypatch
+):
+    experiment = paper({"run.duration": 1.0})
+    expected = run(experiment, tmp_path / "whole.mcap")
+    monkeypatch.setattr(blocks, "MOST_SECONDS", -1.0)
+    held = run(experiment, tmp_path / "held.mcap", deadline=VAIN)
+    assert (held.status, held.ticks) == ("completed", expected.ticks)
+    with Reader(held.path) as one, Reader(expected.path) as other:
+        assert one.digest == other.digest
