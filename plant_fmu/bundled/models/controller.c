@@ -23,23 +23,6 @@
 
 static const double NO_LIMIT = 1e30; /* so that a torque without end remains one, and is seen */
 
-static double since_given(const Values *v, double t)
-{
-    return t > v->reference_time ? t - v->reference_time : 0.0;
-}
-
-static double reference(const Values *v, double s, int i)
-{
-    const double line = v->position_ref[i] + s * v->velocity_ref[i];
-    return v->acceleration_ref[i] == 0.0 ? line : line + s * s / 2 * v->acceleration_ref[i];
-}
-
-static double reference_rate(const Values *v, double s, int i)
-{
-    return v->acceleration_ref[i] == 0.0 ? v->velocity_ref[i]
-                                         : v->velocity_ref[i] + s * v->acceleration_ref[i];
-}
-
 /* Adds to tau the force that gives the accelerations `wanted` more than the robot has at (q, qd)
  * without any, of which the share `made_up_for` is counted. */
 static void add_inverse_dynamics(const Values *v, const double q[M], const double qd[M],
@@ -64,7 +47,7 @@ static void add_inverse_dynamics(const Values *v, const double q[M], const doubl
         tau[i] += force[i];
 }
 
-/* Adds to tau what the law has beside tau + kp e + kd ed; with inertia scaling tau is without these. */
+/* Adds to tau what the law has beside that of PD alone; with inertia scaling tau is without these. */
 static void add_the_rest(const Values *v, const double q[M], const double qd[M],
                          const double integral[M], double u[M], double tau[M])
 {
@@ -89,6 +72,9 @@ static void add_the_rest(const Values *v, const double q[M], const double qd[M],
 
 bool is_more_than_pd(const Values *v)
 {
+    for (int i = 0; i < m_of(v); ++i)
+        if (v->torque_limit[i] < NO_LIMIT)
+            return true;
     return v->integrates != 0.0 || v->computed_torque != 0.0 || v->inertia_scaling != 0.0 ||
            v->gravity_compensation != 0.0 || v->acceleration_feedforward != 0.0;
 }
@@ -96,22 +82,12 @@ bool is_more_than_pd(const Values *v)
 void control(const Values *v, double t, const double q[M], const double qd[M],
              const double integral[M], Control *found)
 {
-    const int m = m_of(v);
-    const double s = since_given(v, t);
-    double *e = found->error, *asked = found->asked, ed[M], u[M];
-    for (int i = 0; i < m; ++i) {
-        e[i] = reference(v, s, i) - q[i];
-        ed[i] = reference_rate(v, s, i) - qd[i];
-    }
-    for (int i = 0; i < m; ++i) {
-        u[i] = v->tau[i];
-        for (int j = 0; j < m; ++j)
-            u[i] += v->kp[i][j] * e[j] + v->kd[i][j] * ed[j];
+    double *asked = found->asked, u[M];
+    pd_alone(v, t, q, qd, found->error, u);
+    for (int i = 0; i < m_of(v); ++i)
         asked[i] = u[i];
-    }
-    if (v->more_than_pd != 0.0)
-        add_the_rest(v, q, qd, integral, u, asked);
-    for (int i = 0; i < m; ++i) {
+    add_the_rest(v, q, qd, integral, u, asked);
+    for (int i = 0; i < m_of(v); ++i) {
         const double limit = v->torque_limit[i] < NO_LIMIT ? v->torque_limit[i] : INFINITY;
         found->applied[i] = asked[i] > limit ? limit : asked[i] < -limit ? -limit : asked[i];
     }

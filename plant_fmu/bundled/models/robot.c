@@ -18,20 +18,33 @@ static double disturbance(const Values *v, double t, int i)
     return sum;
 }
 
+/* What is applied, and where it integrates the rate of that. */
+static void control_all(const Values *values, double t, const double x[STATES],
+                        double integral_now[M], double force[M])
+{
+    const int m = m_of(values);
+    Control now;
+    control(values, t, x, x + m, x + 2 * m, &now);
+    for (int i = 0; i < m; ++i)
+        force[i] = now.applied[i];
+    if (values->integrates != 0.0)
+        integral_rate(values, &now, integral_now);
+}
+
 void model_derivatives(const Values *values, double t, const double x[STATES],
                        double dx[STATES])
 {
     const int m = m_of(values);
-    const double *q = x, *qd = x + m, *integral = x + 2 * m;
-    Control control_now;
-    double force[M];
-    control(values, t, q, qd, integral, &control_now);
+    const double *q = x, *qd = x + m;
+    double error[M], force[M];
+    if (values->more_than_pd == 0.0)
+        pd_alone(values, t, q, qd, error, force);
+    else
+        control_all(values, t, x, dx + 2 * m, force);
     for (int i = 0; i < m; ++i) {
-        force[i] = control_now.applied[i] + disturbance(values, t, i);
+        force[i] += disturbance(values, t, i);
         dx[i] = qd[i];
     }
-    if (values->integrates != 0.0)
-        integral_rate(values, &control_now, dx + 2 * m);
     robot_acceleration(values, q, qd, force, dx + m);
 }
 
