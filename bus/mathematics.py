@@ -15,6 +15,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nrs_cosim.bus import former_mathematics
+
 Array = NDArray[np.float64]
 Number = TypeVar("Number", float, Array)
 
@@ -75,6 +77,8 @@ def cosine(x: ArrayLike) -> Array:
 def sine_and_cosine(x: ArrayLike) -> tuple[Array, Array]:
     """Return sin x and cos x of angles (…), rad; NaN of what is not finite."""
     x = np.asarray(x, float)
+    if former_mathematics.is_former():
+        return former_mathematics.former_sine_and_cosine(x)
     if x.size <= _FEW:
         few = np.array([_of_one(each) for each in x.ravel().tolist()])
         s, c = few.reshape(*x.shape, 2)[..., 0], few.reshape(*x.shape, 2)[..., 1]
@@ -166,6 +170,8 @@ def _product(a: float, b: float) -> tuple[float, float]:
 
 def exponential(x: ArrayLike) -> Array:
     """Return e^x of numbers (…); NaN of NaN."""
+    if former_mathematics.is_former():
+        return former_mathematics.former_exponential(x)
     given = np.clip(np.asarray(x, float), -800.0, 800.0)
     k = np.rint(given * (1 / (LN2 + LN2_REST)))
     high, low = given - k * LN2, k * LN2_REST
@@ -194,6 +200,8 @@ def logarithm(x: ArrayLike) -> Array:
 def normal_quantile(p: ArrayLike) -> Array:
     """Return Φ⁻¹ of probabilities (…), 0 < p < 1, by AS 241 (Wichura, Applied Statistics 37)."""
     given = np.asarray(p, float)
+    if former_mathematics.is_former():
+        return former_mathematics.former_normal_quantile(given)
     q = given - 0.5
     root = np.sqrt(-logarithm(np.where(q < 0.0, given, 1.0 - given)))
     middle = _quotient(_MIDDLE, 0.180625 - q * q) * q

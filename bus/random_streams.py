@@ -6,6 +6,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus import former_mathematics
 from nrs_cosim.bus.mathematics import normal_quantile
 
 
@@ -46,6 +47,8 @@ def keyed_normal(
 
 def normal(rng: np.random.Generator, shape: Sequence[int]) -> NDArray[np.float64]:
     """Return draws of mean 0 and variance 1, (…): those of NumPy take a library's logarithms."""
+    if former_mathematics.is_former():
+        return former_mathematics.former_normal(rng, shape)
     return _normal(rng.random(shape))
 
 

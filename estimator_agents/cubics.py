@@ -20,6 +20,8 @@ from math import nan
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from nrs_cosim.bus import former_mathematics
+
 Array = NDArray[np.float64]
 
 
@@ -34,6 +36,8 @@ class Cubics:
 
     def at(self, seconds: ArrayLike, order: int = 0) -> Array:
         """Return the derivative of an order, up to 2, at times (…): (…, m); NaN beyond all."""
+        if former_mathematics.is_former():
+            return former_mathematics.former_cubics(self.times, self.coefficients, seconds, order)
         t = np.asarray(seconds, float)
         within = (t >= self.times[0]) & (t <= self.times[-1])
         last = len(self.times) - 2
@@ -50,6 +54,8 @@ class Cubics:
 
 def hermite(times: Array, positions: Array, velocities: Array) -> Cubics:
     """Return the cubics through positions and velocities, both (s, m), at s ≥ 2 times."""
+    if former_mathematics.is_former():
+        return Cubics(times, former_mathematics.former_hermite(times, positions, velocities))
     with np.errstate(all="ignore"):  # what is not finite is told elsewhere
         h = np.diff(times)[:, None]
         slope = np.diff(positions, axis=0) / h
@@ -58,7 +64,14 @@ def hermite(times: Array, positions: Array, velocities: Array) -> Cubics:
     return Cubics(times, np.stack([positions[:-1], velocities[:-1], c2, c3]))
 
 
-def spline_velocities(times: Array, positions: Array) -> Array:
+def spline(times: Array, positions: Array) -> Cubics:
+    """Return the spline through positions (s, m) at s ≥ 2 times; `ValueError` as below."""
+    if former_mathematics.is_former():
+        return Cubics(times, former_mathematics.former_spline(times, positions))
+    return hermite(times, positions, _spline_velocities(times, positions))
+
+
+def _spline_velocities(times: Array, positions: Array) -> Array:
     """Return the velocities, (s, m), of the spline through positions at s ≥ 2 times.
 
     `ValueError` where two times are so near to one another that rounding leaves none.

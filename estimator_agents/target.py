@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from nrs_cosim.bus.fields import Fields
 from nrs_cosim.bus.mathematics import sine, sine_and_cosine
 from nrs_cosim.bus.summation import summed
-from nrs_cosim.estimator_agents.cubics import Cubics, hermite, spline_velocities
+from nrs_cosim.estimator_agents.cubics import Cubics, hermite, spline
 from nrs_cosim.estimator_agents.estimate import Estimate
 from nrs_cosim.estimator_agents.waves import norm_supremum, supremum
 
@@ -127,8 +127,7 @@ class Sampled:
         At the first and at the last inner time the third derivative is continuous too (not-a-knot).
         Two samples make a line, three a parabola.
         """
-        t, x = np.asarray(times, float), np.asarray(positions, float)
-        return cls(hermite(t, x, spline_velocities(t, x)))
+        return cls(spline(np.asarray(times, float), np.asarray(positions, float)))
 
     @classmethod
     def through(cls, times: ArrayLike, positions: ArrayLike, velocities: ArrayLike) -> "Sampled":

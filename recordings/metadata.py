@@ -170,6 +170,11 @@ class About:
     """Of each robot of which one is known."""
 
     @property
+    def is_former(self) -> bool:
+        """Whether it was made when libraries' mathematics were in what is recorded."""
+        return all(group.any_machine is None for group in self.run.plants)
+
+    @property
     def plants(self) -> list[dict[str, Any]]:
         """What is told of the plants, by group, for JSON."""
         return [group.model_dump(mode="json") for group in self.run.plants]

@@ -1,5 +1,6 @@
 """What is done with a recording: it is verified, put back on the bus, changed, or drawn apart."""
 
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, Queue
@@ -26,6 +27,7 @@ from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.terminal import err, out, prose, say
 from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.schemas import about
 
 MOST_DRAWN = 24
 """Robots of which distances are drawn."""
@@ -59,6 +61,8 @@ def verify_again(
         verification = verify(reader, experiment, plants=plants)
     if verification.difference:
         say("red", "differs", verification.difference.between("the recording", "the replay"))
+        if verification.by_libraries:
+            say("yellow", "libraries", _libraries(about(reader).versions))
         raise typer.Exit(FAILED)
     same = _compared(verification, plants)
     if verification.status == "identical":
@@ -76,9 +80,23 @@ def verify_again(
     raise typer.Exit(FAILED)
 
 
+def _libraries(recorded: Mapping[str, str]) -> str:
+    """Say what a recording rests on that was made with libraries' mathematics."""
+    with_what = ", ".join(
+        f"{name} {recorded[name]}" for name in ("numpy", "scipy", "platform") if name in recorded
+    )
+    return (
+        f"the recording was made when sin, cos and draws were those of libraries ({with_what}): "
+        "they were computed by those here, which on another processor or of another version may "
+        "differ in last bits, and so may what follows from them"
+    )
+
+
 def _compared(verification: Verification, plants: bool) -> str:
     """Say what was computed again and is the same, and what was taken from the recording."""
     who, taken = "agents and plants", ""
+    libraries = "; sin, cos and draws are those of libraries, as when it was recorded"
+    of_libraries = libraries if verification.by_libraries else ""
     if not plants:
         who = "agents"
         taken = (
@@ -87,7 +105,7 @@ def _compared(verification: Verification, plants: bool) -> str:
         )
     return (
         f"{who}, run again, give the same {verification.messages} messages{taken}, to the last "
-        f"bit, in ticks 0 to {verification.ticks}"
+        f"bit, in ticks 0 to {verification.ticks}{of_libraries}"
     )
 
 

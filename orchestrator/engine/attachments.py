@@ -87,12 +87,16 @@ def asset_records(assets: Assets) -> dict[str, str]:
 def urdfs_of(experiment: Experiment, plants: Sequence[Mapping[str, Any]]) -> dict[bytes, list[int]]:
     """Return the URDFs that are known of a run's plants, and which robots have each."""
     found: dict[bytes, list[int]] = {}
+    bundled = {*bundled_models()}
     for plant in plants:
         fmu, names = plant["fmu"], [joint["name"] for joint in plant["joints"]]
+        texts: dict[int, str] = {}
         for robot in plant["robots"]:
-            text = plant["urdf"]
-            if fmu in bundled_models():
-                text = model_urdf(fmu, experiment.of_robot(robot).plant.parameters, names)
+            own, text = experiment.of_robot(robot), plant["urdf"]
+            if fmu in bundled:  # robots that have no table of their own share one
+                if id(own) not in texts:
+                    texts[id(own)] = model_urdf(fmu, own.plant.parameters, names)
+                text = texts[id(own)]
             if text:
                 found.setdefault(text.encode(), []).append(robot)
     return found

@@ -162,6 +162,11 @@ def find_recorded(
             other = built_here(fmu, sha256 or "")
             archive = replace(find_archive(str(other), Path()), label=fmu) if other else archive
         if sha256 != archive.sha256:
+            if fmu in bundled_models():
+                advice = (
+                    ", which another version built, and the cache has not; without it, replay "
+                    "--verify --agents-only verifies all but the plants"
+                )
             raise FmuError(
                 f"{archive.label} is not the FMU that the recording was made with: its SHA-256 is "
                 f"{archive.sha256}, not {sha256}{advice}"

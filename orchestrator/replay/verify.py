@@ -8,7 +8,7 @@ the agents alone are: the robots' own q, q̇ and τ are then taken as recorded.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from os import PathLike
 from typing import Any, Literal, Never
 
@@ -17,6 +17,7 @@ import numpy as np
 from nrs_cosim.bus.clock import Clock, seconds
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.errors import BusError, InputError
+from nrs_cosim.bus.former_mathematics import former_mathematics
 from nrs_cosim.bus.keys import EVERYONE, RECORDS, SAMPLES, kind_of, wire_key
 from nrs_cosim.bus.memory_bus import MemoryBus, MemoryInbox
 from nrs_cosim.bus.messages import Codec
@@ -72,6 +73,8 @@ class Verification:
     """How many more are here that could not be looked at, since a tick before them is missing."""
     missing: int | None = 0
     """How many the run had that are not here; None where it is not known how many."""
+    by_libraries: bool = False
+    """Whether sin, cos and draws are those of NumPy, SciPy and the C library, as when recorded."""
 
     @property
     def status(self) -> Literal["identical", "differs", "unverified"]:
@@ -167,8 +170,17 @@ class _Kept:
 def verify(reader: Reader, experiment: Experiment, *, plants: bool) -> Verification:
     """Run a recording again, with its plants or by the agents alone, up to the first difference.
 
-    It ends before a tick that is missing: there is no going on without it.
+    It ends before a tick that is missing: there is no going on without it. A recording that was
+    made with libraries' mathematics is run with these.
     """
+    former = about(reader).is_former
+    with former_mathematics(former):
+        # What was worked out of the experiment by now was by our own.
+        found = _run_again(reader, replace(experiment) if former else experiment, plants=plants)
+    return replace(found, by_libraries=former)
+
+
+def _run_again(reader: Reader, experiment: Experiment, *, plants: bool) -> Verification:
     clock, n, m = experiment.clock, experiment.n, experiment.m
     if next(ticks(reader), None) is None:
         return Verification(-1, 0, None, _unseen(reader, clock, -1), _missing(reader))

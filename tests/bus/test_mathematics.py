@@ -141,8 +141,9 @@ ROUNDED_DIFFERENTLY = {
 ELSEWHERE = {
     *(("target.py", "phasors"), ("waves.py", "_highest"), ("waves.py", "at")),
     ("flow.py", "_flows"),
+    *(("former_mathematics.py", name) for name in ("former_sine_and_cosine", "former_normal")),
 }
-"""Bounds of a target, and any numbers at all on which an algorithm's flow is tried."""
+"""Bounds, numbers on which an algorithm's flow is tried, and replays of recordings of before."""
 
 
 def test_nothing_recorded_rests_on_a_function_that_libraries_round_differently():
