@@ -39,6 +39,10 @@ class SteadyState:
     """The largest position or velocity of an estimate or a robot: what rounding is relative to."""
 
 
+QUANTITIES = ("position_estimate", "velocity_estimate", "position_tracking", "velocity_tracking")
+"""The fields of `SteadyState` that are measured."""
+
+
 @np.errstate(all="ignore")  # what is not finite is measured as such
 def steady_state(reader: Reader, target_at: TargetAt, byzantine: Sequence[int] = ()) -> SteadyState:
     """Measure the steady state of a recording against its target, of all robots but some."""

@@ -7,6 +7,7 @@ import json
 import os
 import socket
 import sys
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
@@ -20,6 +21,8 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.report.page import expect_plotly, page_data
 from nrs_cosim.recordings.report.server import HOST, LiveServer
 
+_CLOSE_UP = 60.0
+"""s up to now: the longest part of a run that the page shows by itself."""
 _LINGER = 3.0
 """s: how long a page that is open may take to ask for the end of a run."""
 
@@ -69,7 +72,8 @@ def serve(recording: Path, final: Path, listening: socket.socket, before: str) -
     def tell() -> bytes | None:
         try:
             with Reader(current()) as reader:
-                return json.dumps(page_data([story_of(reader)]), allow_nan=False).encode()
+                story = replace(story_of(reader), close_up=_CLOSE_UP)
+                return json.dumps(page_data([story], live=True), allow_nan=False).encode()
         except UnreadableError:
             return None
 

@@ -1,20 +1,24 @@
 """What a report must know of a scenario: target, network and theory."""
 
+import json
 import re
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
+from zlib import crc32
 
 from nrs_cosim.bus.clock import Clock, seconds
 from nrs_cosim.bus.topologies import TopologySchedule
-from nrs_cosim.orchestrator.analysis.bounds import bounds, ultimate_bounds
+from nrs_cosim.orchestrator.analysis.bounds import UltimateBounds, bounds, ultimate_bounds
+from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import Check, check, finite
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.orchestrator.scenario.robot_ids import with_parameters
+from nrs_cosim.orchestrator.scenario.robot_ids import named, with_parameters
 from nrs_cosim.orchestrator.scenario.tables.algorithms import NotInstalled
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.measurement import SteadyState
+from nrs_cosim.recordings.measurement import QUANTITIES
+from nrs_cosim.recordings.metadata import RunRecord
 from nrs_cosim.recordings.report.data import Story, read_story
 from nrs_cosim.recordings.report.subject import Subject, unit_over
 from nrs_cosim.recordings.schemas import about
@@ -24,22 +28,42 @@ from nrs_cosim.recordings.units import shared_joints
 def story_of(reader: Reader, experiment: Experiment | None = None) -> Story:
     """Read what a report draws of a recording, of an experiment that may be known already."""
     run = about(reader).run
+    experiment = experiment or experiment_of(reader)
     unit = unit_over([joint.unit for group in run.plants for joint in group.joints])
     names = tuple(joint.name for joint in shared_joints(run))
-    return read_story(reader, subject_of(experiment or experiment_of(reader), unit, names))
+    theory = _theory(experiment)
+    subject = subject_of(experiment, unit, names, theory)
+    story = read_story(reader, replace(subject, plants=_plants(experiment, run)))
+    if not theory:
+        return story
+    compared = compare_to_theory(reader, experiment, story.steady, theory[1])
+    rows = zip(QUANTITIES, compared.quantities, strict=True)
+    return replace(story, verdicts={name: row.status for name, row in rows})
 
 
-def subject_of(experiment: Experiment, unit: str, joints: Sequence[str] = ()) -> Subject:
+def _theory(experiment: Experiment) -> tuple[Check, UltimateBounds] | None:
+    """Return what is proven; nothing of an algorithm that is not installed here."""
+    if isinstance(experiment.scenario.algorithm, NotInstalled):
+        return None
+    checked = check(experiment)
+    return checked, ultimate_bounds(experiment, checked.rho)
+
+
+def subject_of(
+    experiment: Experiment,
+    unit: str,
+    joints: Sequence[str] = (),
+    theory: tuple[Check, UltimateBounds] | None = None,
+) -> Subject:
     """Return what a report must know of an experiment, whose joints are in a unit, with names."""
+    checked, ultimate = theory or _theory(experiment) or (None, None)
     choice = experiment.scenario.algorithm
-    # Nothing is proven of an algorithm that is not installed: its recording is drawn all the same.
-    checked = None if isinstance(choice, NotInstalled) else check(experiment)
     return Subject(
         estimator=with_parameters(choice.name, choice.parameters),
         times=experiment.clock,
         pace=_pace(experiment.clock),
         target_at=experiment.target_at,
-        topology=experiment.topologies.links,
+        topologies=experiment.topologies,
         phases=_phases(experiment.topologies),
         unit=unit,
         joints=[_joint(number, joints) for number in range(1, experiment.m + 1)],
@@ -48,7 +72,8 @@ def subject_of(experiment: Experiment, unit: str, joints: Sequence[str] = ()) ->
         if checked is None or checked.premise
         else finite(checked.spectral_radius),
         byzantine=experiment.byzantine,
-        bounds=_bounds(experiment, checked) if checked else {},
+        bounds=_bounds(ultimate) if ultimate else {},
+        settings=_settings(experiment),
     )
 
 
@@ -80,17 +105,15 @@ def _phases(topologies: TopologySchedule) -> str:
     return words and f"{words[0].upper()}{words[1:]}: these are all links of them."
 
 
-def _bounds(experiment: Experiment, checked: Check) -> dict[str, dict[str, float]]:
+def _bounds(ultimate: UltimateBounds) -> dict[str, dict[str, float]]:
     """Return the theory's bounds on each steady-state error, by their names."""
-    found = bounds(ultimate_bounds(experiment, checked.rho))
-    names = [field.name for field in fields(SteadyState)]
     by_quantity = {
         name: {
             "steady state": bound.steady_state,
             "worst case": bound.worst_case,
             "paper": bound.paper,
         }
-        for name, bound in zip(names, found, strict=False)
+        for name, bound in zip(QUANTITIES, bounds(ultimate), strict=False)
     }
     return {
         name: {law: value for law, value in by_law.items() if value is not None}
@@ -111,3 +134,62 @@ def _condition_rows(checked: Check) -> list[dict[str, Any]]:
         }
         for c in checked.conditions
     ]
+
+
+def _plants(experiment: Experiment, run: RunRecord) -> list[dict[str, str]]:
+    """Return a row for robots of the same FMU and parameters, as the recording tells of them."""
+    rows = []
+    for group in run.plants:
+        alike: dict[str, list[int]] = {}
+        for robot in group.robots:
+            alike.setdefault(_parameters(experiment, robot), []).append(robot)
+        joints = ", ".join(f"{joint.name} ({joint.unit or '?'})" for joint in group.joints)
+        rows += [
+            {
+                "robots": named(robots),
+                "FMU": group.fmu,
+                "FMI": group.fmi_version,
+                "driven by": group.drive,
+                "parameters": parameters or "as in the FMU",
+                "joints": joints,
+                "SHA-256": group.sha256,
+            }
+            for parameters, robots in alike.items()
+        ]
+    return rows
+
+
+def _parameters(experiment: Experiment, robot: int) -> str:
+    given = experiment.of_robot(robot).plant.parameters
+    return ", ".join(f"{name} = {_short(value)}" for name, value in sorted(given.items()))
+
+
+def _settings(experiment: Experiment) -> dict[str, str]:
+    """Return the keys of a scenario with their values, in words; a file is what it holds."""
+    tables = experiment.scenario.model_dump(mode="json", by_alias=True)
+    files = {
+        field: f"{asset.name} ({asset.source_sha256[:8]})"
+        for field, asset in experiment.assets.items()
+    }
+    return {key: _short(value) for key, value in _leaves("", tables)} | files
+
+
+def _leaves(key: str, value: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            yield from _leaves(f"{key}.{name}" if key else str(name), inner)
+    elif isinstance(value, list) and any(isinstance(inner, Mapping) for inner in value):
+        for number, inner in enumerate(value):
+            yield from _leaves(f"{key}[{number}]", inner)
+    else:
+        yield key, value
+
+
+_SHORT = 60
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    if len(text) <= _SHORT:
+        return text
+    return f"{text[:_SHORT]}… ({crc32(text.encode()):08x})"

@@ -7,9 +7,10 @@ those in the states at t_k, whether they were sent or not.
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import takewhile
 from math import prod
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,8 @@ MOST_DRAWN = 24
 """Robots."""
 MOST_NUMBERS = 12
 """Of a field that is no joints' each of which is drawn."""
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Of robots, at or below the edges of bands."""
 KINDS = ("lost", "outage", "late", "duplicated", "altered")
 """What a link may do to a sample: the first that is true; an altered one is noisy, rounded or
 a lie."""
@@ -81,6 +84,8 @@ class Story:
 
     subject: Subject
     name: str
+    file: str
+    """The name of its file, without the ending."""
     status: Status
     reason: str
     digest: str | None
@@ -105,6 +110,10 @@ class Story:
     """(r,) how they are drawn."""
     vectors: dict[str, Array]
     """(T, r, m) of the joints and of the estimates that they follow: `VECTORS`."""
+    spreads: dict[str, Array]
+    """(T, m, 5) of `VECTORS`: the least, the quartiles and the largest of all honest robots.
+
+    Empty where all robots are drawn one by one."""
     target: dict[str, Array]
     """(T, m) position and velocity."""
     agents: dict[str, AgentField]
@@ -113,6 +122,15 @@ class Story:
     """By the fields of `SteadyState`, in the norms of `measuring`."""
     link_events: LinkEvents
     steady: SteadyState
+    verdicts: dict[str, str] = field(default_factory=dict)
+    """By the fields of `SteadyState`: whether a measurement is within what is proven of it."""
+
+    close_up: float = 0.0
+    """s before the end that are drawn as finely as the whole."""
+
+    def close(self, t: Array) -> int:
+        """Return how many of some times are in the close-up."""
+        return int((t > t[-1] - self.close_up).sum()) if self.close_up and len(t) else 0
 
     @property
     def seconds(self) -> float:
@@ -140,6 +158,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         "position_tracking": np.full(len(t), -1.0),
         "velocity_tracking": np.full(len(t), -1.0),
     }
+    spreads = {name: np.full((len(t), m, 5), np.nan) for name in VECTORS if len(drawn) < n}
     counts: Counter[str] = Counter()
     met: list[NDArray[np.int64]] = []
 
@@ -161,6 +180,8 @@ def read_story(reader: Reader, subject: Subject) -> Story:
                 array[at[shown], rows[shown]] = table[name][shown]
             honest = ~np.isin(table["robot"], subject.byzantine)
             table, at = table[honest], at[honest]
+            for name, spread in spreads.items():
+                _spread(spread, at, table[name])
             position, velocity = subject.target_at(table["t"])
             note("position_tracking", at, table["position"] - position, 2)
             note("velocity_tracking", at, table["velocity"] - velocity, 2)
@@ -172,17 +193,18 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         if (table := rows_of(reader, types, AGENT_STATES, messages)) is not None:
             at, rows = _places(reader, sampled, table["time_ns"]), row_of[table["robot"]]
             shown = rows >= 0
-            for name, field in agents.items():
+            for name, kept in agents.items():
                 numbers_of = flat(table[name][shown])
                 if numbers_of.shape[1] > MOST_NUMBERS:
                     numbers_of = np.linalg.norm(numbers_of, axis=1)[:, None]
-                field.values[at[shown], rows[shown]] = numbers_of
+                kept.values[at[shown], rows[shown]] = numbers_of
         if (table := rows_of(reader, types, LINK_EVENTS, messages)) is not None:
             met.append(_met(table))
     position, velocity = subject.target_at(t)
     return Story(
         subject=subject,
         name=said.run.name,
+        file=Path(reader.path).stem,
         status=reader.status,
         reason=reader.reason,
         digest=reader.digest,
@@ -200,6 +222,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         t_k=t_k,
         skeletons=skeletons(reader, drawn.tolist(), m),
         vectors=vectors,
+        spreads=spreads,
         target={"position": position, "velocity": velocity},
         agents=agents,
         envelopes={
@@ -213,6 +236,14 @@ def read_story(reader: Reader, subject: Subject) -> Story:
     )
 
 
+def _spread(spread: Array, at: NDArray[np.intp], values: Array) -> None:
+    """Note how robots are spread at the times (rows,) that values (rows, m) are of."""
+    order = np.argsort(at, kind="stable")
+    times, begins = np.unique(at[order], return_index=True)
+    for time, of_robots in zip(times.tolist(), np.split(values[order], begins[1:]), strict=True):
+        spread[time] = np.quantile(of_robots, SHARES, axis=0).T
+
+
 def _agent_fields(
     types: RecordedTypes, coordinate: str, names: Sequence[str], ticks: int, robots: int
 ) -> dict[str, AgentField]:
@@ -220,18 +251,18 @@ def _agent_fields(
     codec, found = types.codecs.get(AGENT_STATES.kind), {}
     for name, shape in codec.shapes.items() if codec else ():
         assert codec
-        field = codec.kind.fields[name]
-        by_joint = field.shape == ("m",)
+        kept = codec.kind.fields[name]
+        by_joint = kept.shape == ("m",)
         if by_joint:
             labels = [f"{name}, {joint}" for joint in names]
         elif prod(shape) <= MOST_NUMBERS:
             labels = column_names(name, shape)
         else:
             labels = [f"‖{name}‖₂"]
-        unit = field_unit(name, field, coordinate)
+        unit = field_unit(name, kept, coordinate)
         labels = [f"{label} ({unit})" if unit else label for label in labels]
         values = np.full((ticks, robots, len(labels)), np.nan)
-        found[name] = AgentField(tuple(labels), field.doc, by_joint, values)
+        found[name] = AgentField(tuple(labels), kept.doc, by_joint, values)
     return found
 
 

@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import MissingExtraError
 from nrs_cosim.recordings.report import network, text
+from nrs_cosim.recordings.report.curves import Band, Curve, Figure, Label, Panel
 from nrs_cosim.recordings.report.data import Story
-from nrs_cosim.recordings.report.figures import Curve, Figure, Panel, figures, groups, run_names
+from nrs_cosim.recordings.report.figures import figures, groups, groups_of_robots, run_names
 
 
 class Arrays:
@@ -56,28 +57,39 @@ def live_page() -> str:
     return _filled("null", "'self'")
 
 
-def page_data(stories: Sequence[Story]) -> dict[str, Any]:
-    """Return all that a page shows, for JSON."""
-    arrays = Arrays()
+def page_data(stories: Sequence[Story], *, live: bool = False) -> dict[str, Any]:
+    """Return all that a page shows, for JSON, of runs that are over, or that may go on."""
+    arrays, names = Arrays(), run_names(stories)
     return {
+        "live": live,
         "runs": [
             {
                 "name": name,
                 "status": story.status,
                 "damage": list(story.damage),
-                "lead": text.lead(story),
+                "file": story.file,
+                "lead": text.lead(story, live=live),
                 "measured": list(text.measured(story)),
                 "conditions": list(story.subject.conditions),
                 "spectral_radius": story.subject.spectral_radius,
                 "counted": text.counted(story),
                 "particulars": text.particulars(story),
                 "network": network.drawn(story),
+                "phases": len(story.subject.topologies.exchanges),
+                "turns": network.turns(story),
+                "plants": list(story.subject.plants),
                 "robots": story.drawn.tolist(),
+                "groups": groups_of_robots(stories, at),
+                "ticks": story.ticks,
+                "planned": story.planned,
+                "seconds": story.seconds,
+                "planned_seconds": story.subject.times.t(story.planned) / 1e9,
                 "unit": story.subject.unit,
                 "motion": motion(story, arrays) if len(story.t) else None,
             }
-            for story, name in zip(stories, run_names(stories), strict=True)
+            for at, (story, name) in enumerate(zip(stories, names, strict=True))
         ],
+        "differences": text.differences(stories, names),
         "groups": [{"name": name, "ink": ink} for name, ink in groups(stories)],
         "figures": [_plain(figure, arrays) for figure in figures(stories)],
         "arrays": arrays.encoded,
@@ -87,7 +99,7 @@ def page_data(stories: Sequence[Story]) -> dict[str, Any]:
 def _plain(drawn: Any, arrays: Arrays) -> Any:
     """Return a figure, or a part of one, as JSON has it."""
     match drawn:
-        case Figure() | Panel() | Curve():
+        case Figure() | Panel() | Curve() | Band() | Label():
             return {of.name: _plain(getattr(drawn, of.name), arrays) for of in fields(drawn)}
         case tuple():
             return [_plain(part, arrays) for part in drawn]

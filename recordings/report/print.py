@@ -4,7 +4,7 @@ Only the extra `report` brings matplotlib: whoever imports this module expects a
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +16,12 @@ from matplotlib.figure import Figure as Sheet
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from nrs_cosim.recordings.report.curves import Curve, Figure, Label, Panel, kept
 from nrs_cosim.recordings.report.data import Story
-from nrs_cosim.recordings.report.figures import Curve, Figure, Group, Panel, figures, groups, kept
+from nrs_cosim.recordings.report.figures import Group, figures, groups
 
 INKS = (
-    "#2563c9", "#d9480f", "#2b8a3e", "#9c36b5", "#0b8a8f", "#c2255c", "#8f6a00", "#5c5f66",
+    "#1b34f8", "#d97a0e", "#099b97", "#4c038b", "#2696f3", "#a05206", "#743649", "#3168a4",
 )  # fmt: skip
 """As the page's on white."""
 _INK = "#1b1f24"
@@ -46,10 +47,14 @@ STYLE: dict[Any, Any] = {
     "ytick.color": "#5a6470",
 }
 _WIDTH = 8.0
+DPI = 300
+"""Of pictures for print."""
 _DASHES: Mapping[str, Any] = {
     "solid": "-",
     "dash": (0, (5, 3)),
-    "dot": ":",
+    "dot": (0, (1, 1.6)),
+    "dashdot": (0, (6, 2, 1, 2)),
+    "longdash": (0, (9, 3)),
 }
 
 
@@ -58,14 +63,23 @@ def write_figures(stories: Sequence[Story], path: Path, form: str) -> None:
 
     `png` and `svg` have them one under another, `pdf` each on its page.
     """
-    drawn = figures(stories) or [Figure("nothing", "Nothing was recorded", "", ())]
-    legend = groups(stories)
+    drawn, legend = _all(stories), groups(stories)
     if form != "pdf":
-        write_picture(drawn, path, legend, form=form)
+        write_picture(drawn, path, legend, form=form, dpi=DPI)
         return
     with mpl.rc_context(STYLE), PdfPages(path, metadata={"CreationDate": None}) as pages:
         for figure in drawn:
             pages.savefig(_sheet([figure], legend))
+
+
+def write_each(stories: Sequence[Story], path_of: Callable[[str], Path], form: str) -> None:
+    """Write each figure into a file of its own, by its name."""
+    for figure in _all(stories):
+        write_picture([figure], path_of(figure.name), groups(stories), form=form, dpi=DPI)
+
+
+def _all(stories: Sequence[Story]) -> list[Figure]:
+    return figures(stories) or [Figure("nothing", "Nothing was recorded", "", ())]
 
 
 def write_picture(
@@ -74,11 +88,13 @@ def write_picture(
     legend: Sequence[Group],
     until: float | None = None,
     form: str = "png",
+    dpi: int | None = None,
 ) -> None:
     """Write some figures one under another, up to a time in s or whole; the same bytes again."""
-    metadata = {"Software": ""} if form == "png" else {"Date": None}
+    nothing = {"png": {"Software": ""}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
     with mpl.rc_context(STYLE):
-        _sheet(drawn, legend, until).savefig(path, format=form, metadata=metadata)
+        sheet = _sheet(drawn, legend, until)
+        sheet.savefig(path, format=form, metadata=nothing[form], dpi=dpi or "figure")
 
 
 def _sheet(drawn: Sequence[Figure], legend: Sequence[Group], until: float | None = None) -> Sheet:
@@ -114,6 +130,9 @@ def _height(figure: Figure, legend: Sequence[Group]) -> float:
 
 
 def _draw(ax: Axes, panel: Panel, until: float | None) -> None:
+    for band in panel.bands:
+        look: Any = {"color": _colour(band.ink), "alpha": band.opacity, "linewidth": 0}
+        ax.fill_between(band.x, band.low, band.high, **look)
     for curve in panel.curves:
         seen = curve.x <= until if until is not None else np.ones(len(curve.x), bool)
         if curve.marks:
@@ -136,16 +155,40 @@ def _draw(ax: Axes, panel: Panel, until: float | None) -> None:
         ax.set_ylabel(_mathematical(panel.label))
     if panel.logarithmic:
         ax.set_yscale("log")
+    if panel.y_range:
+        ax.set_ylim(*panel.y_range)
+    for label in panel.labels if until is None else ():
+        _name(ax, label, panel)
     if until is not None:
         ax.set_xlim(0, until)
     ax.margins(x=0.01)
+
+
+def _name(ax: Axes, label: Label, panel: Panel) -> None:
+    """Write a curve's name beside its end, with a line between where it stands apart."""
+    assert panel.y_range
+    low, high = np.log10(panel.y_range)
+    height = (np.log10(label.y) - low) / (high - low) + label.shift
+    beside = label.x >= max(one.x for one in panel.labels)
+    ax.annotate(
+        _mathematical(label.text),
+        (label.x, label.y),
+        (1.03, height) if beside else (4, 2),
+        textcoords="axes fraction" if beside else "offset points",
+        color=_colour(label.ink),
+        fontsize=6.5,
+        va="center",
+        arrowprops={"arrowstyle": "-", "color": _colour(label.ink), "lw": 0.5} if beside else None,
+        annotation_clip=False,
+    )
 
 
 def _legend(figure: Figure, legend: Sequence[Group]) -> list[Line2D]:
     """Return what is named under a figure: its groups, or its curves where they have names."""
     curves = [curve for panel in figure.panels for curve in panel.curves]
     if any(panel.legend for panel in figure.panels):
-        looks = {curve.name: (curve.ink, curve.dash) for curve in curves}
+        # a bound's number stands beside its line
+        looks = {curve.name.partition(" ≤")[0]: (curve.ink, curve.dash) for curve in curves}
     else:
         dashes = {curve.group: curve.dash for curve in curves}
         looks = {name: (ink, dashes[name]) for name, ink in legend if name in dashes}

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from nrs_cosim.bus.clock import Clock
+from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.recordings.measurement import TargetAt
 
@@ -29,8 +30,7 @@ class Subject:
     pace: str
     """How often samples are exchanged, in words."""
     target_at: TargetAt
-    topology: Topology
-    """All links that there are at some time, each with its largest weight."""
+    topologies: TopologySchedule
     phases: str
     """When these links are there, in words; empty where it is always."""
     unit: str
@@ -50,6 +50,15 @@ class Subject:
     """The robots that lie, whose errors are not measured."""
     bounds: Mapping[str, Mapping[str, float]]
     """Of the fields of `SteadyState`: each bound that the theory has for it, by its name."""
+    settings: Mapping[str, str]
+    """The scenario's keys with their values, in words."""
+    plants: Sequence[Mapping[str, str]] = ()
+    """A row for robots of one FMU and the same parameters, by the columns' names."""
+
+    @property
+    def topology(self) -> Topology:
+        """All links that there are at some time, each with its largest weight."""
+        return self.topologies.links
 
     @property
     def rate(self) -> str:

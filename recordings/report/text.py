@@ -1,7 +1,7 @@
 """A run in words and numbers: what a reader of the report must know before any figure."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,29 +21,36 @@ _STATUS = {
     "unfinished": "The recording is unfinished: its writer was killed, or is still at work.",
 }
 
+_GOES_ON = "The run goes on."
 
-def lead(story: Story) -> str:
-    """Return a paragraph on a run: who, what, how long, and how it ended."""
+
+def lead(story: Story, *, live: bool = False) -> list[str]:
+    """Return sentences on a run: who, what, how long, and how it ended."""
     subject, topology = story.subject, story.subject.topology
     pinned = topology.pinned.tolist()
     among = int((topology.source > 0).sum())
     robots, joints = count_of(story.n, "robot"), count_of(story.m, "joint")
+    fmus = " and ".join(dict.fromkeys(plant["FMU"] for plant in subject.plants))
     who = numbered("robot", pinned, 8) if pinned else "nobody"
     sentences = [
-        f"{robots} with {joints} each follow a target, from which {who} "
+        f"{robots} with {joints} each{f' ({fmus})' * bool(fmus)} follow a target, from which {who} "
         f"receive{'s' * (len(pinned) == 1)}; their estimates of it spread over "
         f"{count_of(among, 'link')} among the robots.",
         *([subject.phases] if subject.phases else []),
         f"They exchange samples {subject.pace} and estimate by {subject.estimator}.",
         f"{story.ticks:,} of {story.planned:,} sampling times were recorded, {story.seconds:g} s.",
-        _STATUS.get(story.status, f"The run {story.status}: {story.reason}."),
+        _GOES_ON
+        if live and story.status == "unfinished"
+        else _STATUS.get(story.status, f"The run {story.status}: {story.reason}."),
     ]
     if liars := subject.byzantine:
         lie = f"{numbered('robot', liars, 8)} lie{'s' * (len(liars) == 1)}"
         sentences.append(f"{lie[0].upper()}{lie[1:]}: errors and envelopes are of honest robots.")
     if len(story.drawn) < story.n:
-        sentences.append(f"{len(story.drawn)} of the robots are drawn; envelopes are over all.")
-    return " ".join(sentences)
+        sentences.append(
+            f"{len(story.drawn)} of the robots are drawn in motion; bands and envelopes are of all."
+        )
+    return sentences
 
 
 def measured(story: Story) -> Iterator[dict[str, Any]]:
@@ -57,6 +64,7 @@ def measured(story: Story) -> Iterator[dict[str, Any]]:
             "norm": norm,
             "unit": story.subject.rate if is_rate else story.subject.unit,
             "value": value,
+            "status": story.verdicts.get(field, "unproven"),
             "bounds": {
                 law: bound
                 for law, bound in story.subject.bounds.get(field, {}).items()
@@ -103,3 +111,14 @@ def _leaves(key: str, value: Any) -> Iterator[tuple[str, str]]:
             yield from _leaves(f"{key}, {name}", inner)
     else:
         yield key, f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def differences(stories: Sequence[Story], names: Sequence[str]) -> list[dict[str, str]]:
+    """Return a row for each key of the scenarios that is not the same in all of some runs."""
+    settings = [story.subject.settings for story in stories]
+    keys = dict.fromkeys(key for one in settings for key in one)
+    return [
+        {"key": key, **{name: one.get(key, "–") for name, one in zip(names, settings, strict=True)}}
+        for key in keys
+        if len({one.get(key) for one in settings}) > 1
+    ]

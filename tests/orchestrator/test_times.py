@@ -223,14 +223,16 @@ def test_a_report_draws_values_at_their_sampling_times(tmp_path):
     assert drawn.vectors["position"].tolist() == recorded["position"].tolist()
     ours = np.abs(sampled["position"][:, 1:] - sampled["position"][:, :1]).max(axis=(1, 2))
     np.testing.assert_allclose(drawn.envelopes["position_estimate"].largest, ours, rtol=1e-12)
-    assert "samples 0.03 to 0.15 s after one another and" in lead(drawn)
+    assert "samples 0.03 to 0.15 s after one another and" in " ".join(lead(drawn))
 
 
 def test_a_page_without_a_spectral_radius_has_null(tmp_path):
     with Reader(run(paper(JITTER, SECOND_ORDER, SHORT), tmp_path / "run.mcap").path) as reader:
         (page,) = page_data([story_of(reader)])["runs"]
     assert page["spectral_radius"] is None
-    assert "samples every 0.1 s, each up to 0.035 s early, drawn from the seed, and" in page["lead"]
+    assert "samples every 0.1 s, each up to 0.035 s early, drawn from the seed, and" in " ".join(
+        page["lead"]
+    )
     json.dumps(page, allow_nan=False)
 
 

@@ -27,13 +27,29 @@ def test_every_figure_is_drawn_with_its_lines(look):
     assert [label for label, *_ in drawn] == [
         "εi, joint 1 (rad)", "εi, joint 2 (rad)", "υi, joint 1 (rad/s)", "υi, joint 2 (rad/s)",
         "ei, joint 1 (rad)", "ei, joint 2 (rad)", "ėi, joint 1 (rad/s)", "ėi, joint 2 (rad/s)",
-        "estimates at tk (rad, rad/s)", "robots (rad, rad/s)",
+        "max ‖εi − ε0‖∞ at tk (rad)", "max ‖υi − υ0‖∞ at tk (rad/s)",
+        "max ‖ei‖₂ (rad)", "max ‖ėi‖₂ (rad/s)",
     ]  # fmt: skip
-    assert [lines for *_, lines in drawn] == [7] * 4 + [6] * 4 + [9, 6]
-    assert [points for _, points, _ in drawn] == [7 * 1501] * 4 + [6 * 1501] * 4 + [614, 3010]
+    assert [lines for *_, lines in drawn] == [7] * 4 + [6] * 4 + [5, 4, 3, 3]
+    assert [points for _, points, _ in drawn] == [7 * 1501] * 4 + [6 * 1501] * 4 + [
+        308,
+        306,
+        1505,
+        1505,
+    ]
     assert look.ask("document.querySelectorAll('#network .node').length") == 7
     assert look.ask("document.querySelectorAll('#network .link').length") == 10
     assert "paper_first_order" in look.ask("document.title")
+    beside = look.ask(
+        "[...document.querySelectorAll('#figure-envelopes .plot')].map(plot =>"
+        " [...plot.querySelectorAll('.annotation-text')].map(text => text.textContent))"
+    )
+    of_laws = [["measured", "steady state", "worst case", "paper", "ρ"]] * 2 + [
+        ["measured", "worst case", "paper"]
+    ] * 2
+    seen = [[re.sub(r" [\d.]+$", "", text) for text in texts] for texts in beside]
+    assert seen == [of_laws[0], of_laws[0][:4], *of_laws[2:]]
+    assert look.ask("document.querySelectorAll('.tile .verdict.within').length") == 4
     assert not look.complaints()
 
 

@@ -64,14 +64,20 @@ def test_a_browser_follows_a_live_run_to_its_end(chromium, tmp_path):
     out = tmp_path / "live.mcap"
     with Run("-o", str(out), "--live", "--realtime", "0.3") as live:
         look = Look(chromium, live.address).ready()
-        assert "unfinished" in look.ask("document.querySelector('#words').innerText")
+        assert "running" in look.ask("document.querySelector('#words').innerText")
         look.until("document.querySelectorAll('.panel .plot .trace').length >= 8 * 6")
         points = [n for _, n, _ in look.drawn()]
-        assert len(points) == 10
+        assert len(points) == 12
         assert all(n > 0 for n in points)
         look.until(f"document.querySelector('.plot').data[0].x.length * 7 > {points[0]}")
+        progress = look.ask("document.querySelector('#progress').value")
+        assert 0 < progress < look.ask("document.querySelector('#progress').max") == 300
+        look.until("document.querySelector('#left').innerText.includes('of 30 s simulated, about')")
+        first = look.now()
+        look.until(f"Number(document.querySelector('#slider').value) > {first}")
+        assert first > 0  # nobody has touched the slider: the picture follows the run
         look.ask("document.querySelector('#play').click()")
-        look.until("Number(document.querySelector('#slider').value) > 0.2")
+        look.until("!picture.following && picture.now > 0")
         os.kill(live.process.pid, signal.SIGINT)
         look.until("document.querySelector('#live').innerText.includes('interrupted')")
         assert live.process.wait(GUARD) == 130

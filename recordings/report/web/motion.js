@@ -2,15 +2,19 @@
 
 const picture = {
   runs: [], end: 0, now: 0, playing: false, before: 0,
+  following: true, // of a run that goes on: whether the newest time is shown
 
   begin() {
     $("#play").addEventListener("click", () => this.turn(!this.playing));
-    $("#slider").addEventListener("input", () => { this.turn(false); this.set(Number($("#slider").value)); });
+    $("#slider").addEventListener("input", () => {
+      this.turn(false);
+      this.set(Number($("#slider").value));
+      this.following = this.now >= this.end;
+    });
     new ResizeObserver(() => this.draw()).observe($("#motion"));
   },
 
-  take({ runs, groups, arrays }) {
-    const atEnd = this.now >= this.end && this.end > 0;
+  take({ runs, groups, arrays, live }) {
     this.runs = runs.filter(({ motion }) => motion).map((run) => {
       const motion = run.motion;
       const t = arrays[motion.t], q = arrays[motion.q], m = q.length / t.length / run.robots.length;
@@ -19,7 +23,7 @@ const picture = {
       return { t, q, m, robots: run.robots, known: motion.known, target_figure,
         figures: motion.parents.map((parents, row) => ({ parents, points: points[row] })),
         estimates: arrays[motion.estimates], target: arrays[motion.target], unit: run.unit,
-        groups: run.robots.map((robot) => (runs.length > 1 ? run.name : `robot ${robot}`)) };
+        groups: run.groups };
     });
     for (const run of this.runs)
       run.inks = run.groups.map((name) => groups.find((group) => group.name === name).ink);
@@ -38,7 +42,7 @@ const picture = {
       : `the arms${unknown ? ", drawn with links of unit length," : ""} on one base; the broad grey arm is the target’s position`;
     this.reach = { chains, points };
     this.sides = this.zoom();
-    this.set(atEnd && !this.playing ? this.end : this.now);
+    this.set(live && this.following && !this.playing ? this.end : this.now);
   },
 
   // how far from the target joint space is seen at each frame of the first run: as far as the
@@ -69,6 +73,7 @@ const picture = {
     $("#play").textContent = on ? "❚❚" : "▶";
     $("#play").setAttribute("aria-label", on ? "Pause" : "Play");
     if (!on) return;
+    this.following = false;
     if (this.now >= this.end) this.now = 0;
     this.before = performance.now();
     requestAnimationFrame(() => this.step());
@@ -87,6 +92,7 @@ const picture = {
     this.now = Math.min(Math.max(t, 0), this.end);
     $("#slider").value = this.now;
     $("#now").textContent = `${this.now.toFixed(2)} s`;
+    links.show();
     this.draw();
   },
 
@@ -179,6 +185,9 @@ const picture = {
     return points;
   },
 
+  // the first of several runs is seen behind the others, where they coincide
+  wide(at) { return this.runs.length > 1 && at === 0 ? 1.8 : 1; },
+
   arms(brush, side) {
     const to = this.grid(brush, side, [0, 0], this.far * 1.12);
     for (const [at, run] of this.runs.entries()) {
@@ -196,10 +205,11 @@ const picture = {
         brush.lineWidth = 1.5;
         this.line(brush, this.trail((t) => this.places(run, figure, t, to).at(-1)));
         brush.globalAlpha = 0.92;
-        brush.lineWidth = 4;
+        const wide = this.wide(at);
+        brush.lineWidth = 4 * wide;
         const places = this.places(run, figure, this.now, to);
         this.limbs(brush, places, figure);
-        places.slice(1).forEach((place) => this.dot(brush, place, 5, true));
+        places.slice(1).forEach((place) => this.dot(brush, place, 5 * wide, true));
         brush.globalAlpha = 1;
       });
     }
@@ -223,8 +233,8 @@ const picture = {
         this.line(brush, this.trail((t) => two(this.at(run, run.q, row, run.robots.length, t))));
         brush.globalAlpha = 1;
         brush.lineWidth = 2;
-        this.dot(brush, two(this.at(run, run.estimates, row, run.robots.length, this.now)), 8, false);
-        this.dot(brush, two(this.at(run, run.q, row, run.robots.length, this.now)), 5, true);
+        this.dot(brush, two(this.at(run, run.estimates, row, run.robots.length, this.now)), 8 * this.wide(at), false);
+        this.dot(brush, two(this.at(run, run.q, row, run.robots.length, this.now)), 5 * this.wide(at), true);
       });
       if (at === 0 && shown.has("target")) {
         brush.strokeStyle = theme.colour("--ink");
@@ -233,6 +243,33 @@ const picture = {
         this.line(brush, [[x - 10, y], [x + 10, y]]);
         this.line(brush, [[x, y - 10], [x, y + 10]]);
       }
+    });
+  },
+};
+
+// Which links are shown of a network that changes: all, those of a phase, or of the time shown.
+const links = {
+  begin() { $("#phase").addEventListener("change", () => this.show()); },
+
+  take(runs) {
+    const most = Math.max(...runs.map(({ phases }) => phases));
+    $("#phases").hidden = most < 2;
+    if ($("#phase").children.length !== most + 2)
+      $("#phase").replaceChildren(new Option("at the time shown", "now"), new Option("of all phases", "all"),
+        ...[...Array(most).keys()].map((phase) => new Option(`of phase ${phase + 1} of ${most}`, phase)));
+    this.show();
+  },
+
+  show() {
+    if (!page) return;
+    const chosen = $("#phase").value;
+    document.querySelectorAll("#network figure").forEach((figure, at) => {
+      const { turns, phases } = page.runs[at];
+      if (phases < 2) return;
+      const phase = chosen === "now" ? turns.which[turns.t.findLastIndex((t) => t <= picture.now)] : Number(chosen);
+      for (const link of figure.querySelectorAll("[data-phases]"))
+        link.classList.toggle("absent", chosen !== "all" && !link.dataset.phases.split(" ").includes(`${phase}`));
+      if (at === 0) $("#turn").textContent = chosen === "now" ? `phase ${phase + 1} of ${phases}` : "";
     });
   },
 };

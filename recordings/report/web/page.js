@@ -69,7 +69,7 @@ const shown = {
     picture.draw();
   },
 };
-const nodeGroup = (robot) => (robot === "0" ? "target" : `robot ${robot}`);
+const nodeGroup = (robot) => (robot === "0" ? "target" : page.runs[0].groups[page.runs[0].robots.indexOf(Number(robot))]);
 
 let page = null; // what is shown now
 
@@ -79,39 +79,57 @@ function render(data) {
   const names = data.runs.map(({ name }) => name);
   document.title = `${names.join(", ")} – nrs report`;
   $("#title").textContent = names.join(" and ");
-  sayWords(data.runs);
+  sayWords(data);
   listGroups(data);
   drawNetworks(data.runs);
   tellTheory(data.runs);
   tellNumbers(data.runs);
   picture.take(data);
+  links.take(data.runs);
   shown.tell();
   return plots.take(data);
 }
 
 const four = (number) => Number(number.toPrecision(4)).toString();
 
-function sayWords(runs) {
+const marks = { within: "✓", exceeded: "✗", transient: "~", unproven: "?", "not measured": "–" };
+const verdict = (status) => make("em", { className: `verdict ${status}`, textContent: `${marks[status]} ${status}` });
+
+function sayWords({ runs, differences, live }) {
   const several = runs.length > 1;
-  $("#words").replaceChildren(...runs.map((run) => {
-    const status = make("span", { className: `status ${run.status}`, textContent: run.status });
-    const tiles = run.measured.map(({ what, norm, unit, value }) => make("div", { className: "tile" },
+  const shared = several ? runs[0].lead.filter((sentence) => runs.every(({ lead }) => lead.includes(sentence))) : [];
+  const told = runs.map((run) => {
+    const going = live && run.status === "unfinished";
+    const status = make("span", { className: `status ${run.status}`, textContent: going ? "running" : run.status });
+    const tiles = run.measured.map(({ what, norm, unit, value, status, bounds }) => make("div", { className: "tile" },
       make("span", { textContent: what }),
       make("b", {}, four(value), " ", make("small", { textContent: unit })),
-      make("span", {}, ...indexed(norm))));
+      make("span", {}, ...indexed(norm)),
+      make("span", {}, verdict(status), ...Object.entries(bounds).slice(0, 1).map(([law, bound]) => ` ${law} ${four(bound)}`))));
+    const lead = run.lead.filter((sentence) => !shared.includes(sentence)).join(" ");
     return make("div", { className: "run" },
-      make("h3", {}, ...(several ? [run.name] : []), status),
-      make("p", { className: "lead", textContent: run.lead }),
+      make("h3", {}, ...(several ? [make("i", { className: "ink" }), run.name, make("small", { textContent: `${run.file}.mcap` })] : []), status),
+      make("p", { className: "lead", textContent: lead }),
       ...run.damage.map((damage) => make("p", { className: "damage", textContent: `Damaged: ${damage}` })),
-      ...(tiles.length ? [make("div", { className: "tiles" }, ...tiles)] : []),
-      ...(tiles.length && run === runs.at(-1) ? [make("p", { className: "about", textContent: "The largest errors of the last fifth. In the plots, drag to look closer, double click to see all again." })] : []));
-  }));
+      ...(tiles.length ? [make("div", { className: "tiles" }, ...tiles)] : []));
+  });
+  if (several) told.forEach((run, at) => run.style.setProperty("--mine", `var(--ink-${at % 8})`));
+  const names = runs.map(({ name }) => name);
+  $("#words").replaceChildren(
+    ...(shared.length ? [make("p", { className: "lead", textContent: shared.join(" ") })] : []),
+    ...(several ? [make("section", { id: "differences" }, make("h2", { textContent: "What differs" }), differences.length
+      ? table("", ["", ...names], differences.map((row) => [row.key, ...names.map((name) => row[name])]))
+      : make("p", { textContent: "Nothing: the scenarios are the same." }))] : []),
+    ...told,
+    ...(runs.some(({ measured }) => measured.length) ? [make("p", { className: "about", textContent: "The largest errors of the last fifth, and whether they are within what is proven. In the plots, drag to look closer, double click to see all again." })] : []));
 }
 
 function listGroups({ groups, figures }) {
   const bar = $("#groups");
   bar.hidden = !figures.length;
-  if (bar.children.length === groups.length) return;
+  const listed = JSON.stringify(groups);
+  if (bar.dataset.listed === listed) return;
+  bar.dataset.listed = listed;
   bar.replaceChildren(...groups.map(({ name, ink }) => {
     const button = make("button", { type: "button", textContent: name, title: "click: hide or show; double click: alone" });
     button.dataset.group = name;
@@ -134,12 +152,12 @@ function drawNetworks(runs) {
   }
 }
 
-function table(caption, heads, rows) {
+function table(caption, heads, rows, className = "scroll") {
   const cell = (kind, value) => {
     const { text = value, name = "", number = false } = value !== null && typeof value === "object" ? value : {};
     return make(kind, { className: `${name}${number ? " number" : ""}`.trim() }, ...indexed(String(text)));
   };
-  return make("div", { className: "scroll" }, make("table", {},
+  return make("div", { className }, make("table", {},
     ...(caption ? [make("caption", { textContent: caption })] : []),
     ...(heads.length ? [make("thead", {}, make("tr", {}, ...heads.map((head) => cell("th", head))))] : []),
     make("tbody", {}, ...rows.map((row) => make("tr", {}, ...row.map((value) => cell("td", value)))))));
@@ -170,9 +188,9 @@ function tellTheory(runs) {
         "left of the estimation error after a sampling period"]])])];
     const laws = [...new Set(run.measured.flatMap(({ bounds }) => Object.keys(bounds)))];
     if (laws.length)
-      tables.push(table(`${name}steady state`, ["", { text: "measured", number: true }, ...laws.map((text) => ({ text, number: true }))],
+      tables.push(table(`${name}steady state`, ["", { text: "measured", number: true }, ...laws.map((text) => ({ text, number: true })), ""],
         run.measured.map((m) => [`${m.norm} (${m.unit})`, number(m.value, 4),
-          ...laws.map((law) => (law in m.bounds ? number(m.bounds[law], 4) : ""))])));
+          ...laws.map((law) => (law in m.bounds ? number(m.bounds[law], 4) : "")), mark(m.status)])));
     return tables;
   }));
 }
@@ -182,7 +200,10 @@ function tellNumbers(runs) {
   $("#numbers").hidden = false;
   $("#numbers .tables").replaceChildren(...runs.flatMap((run) => {
     const name = several ? `${run.name}: ` : "";
+    const [first] = run.plants;
     return [
+      ...(first ? [table(`${name}plants`, Object.keys(first),
+        run.plants.map((plant) => Object.entries(plant).map(([what, text]) => (what === "SHA-256" ? { text: text.slice(0, 16), name: "long" } : text))), "scroll wide")] : []),
       table(`${name}messages`, [], Object.entries(run.counted).map(([what, count]) => [what, { text: count, number: true }])),
       make("details", {}, make("summary", { textContent: `${name}made by` }),
         table("", [], Object.entries(run.particulars).map(([what, text]) => [what, { text, name: "long" }]))),
@@ -198,6 +219,7 @@ async function begin() {
   });
   theme.wish.addEventListener("change", () => theme.apply());
   picture.begin();
+  links.begin();
   theme.apply();
   const data = JSON.parse($("#data").textContent);
   const library = inflated($("#plotly").textContent).then((source) => {
@@ -210,25 +232,37 @@ async function begin() {
 
 // A run that goes on is asked for what is new, a second after the last answer.
 async function follow(library) {
-  const told = $("#live");
-  told.hidden = false;
+  const told = $("#told");
+  $("#live").hidden = false;
   told.textContent = "Waiting for the run to begin …";
-  let version = "";
+  plots.window = Number($("#window").value);
+  $("#window").addEventListener("change", () => { plots.window = Number($("#window").value); plots.recolour(); });
+  let version = "", first = null;
   for (;;) {
     let answer;
     try { answer = await fetch(`data.json?since=${encodeURIComponent(version)}`); } catch {
       told.textContent = "The run is no longer served. This is what was recorded until then.";
+      $("#left").textContent = "";
       return;
     }
     if (answer.status === 200) {
       version = answer.headers.get("X-Version");
       const data = await answer.json();
       await render({ ...data, library });
-      const [{ status }] = data.runs;
-      told.textContent = status === "unfinished" ? "Live: the run goes on." : `Live: the run is ${status}.`;
+      const [run] = data.runs, at = { clock: performance.now() / 1000, seconds: run.seconds };
+      first ??= at;
+      const going = run.status === "unfinished";
+      told.textContent = going ? "Live: the run goes on." : `Live: the run is ${run.status}.`;
+      $("#progress").max = run.planned;
+      $("#progress").value = run.ticks;
+      const pace = (at.seconds - first.seconds) / (at.clock - first.clock);
+      const left = going && pace > 0 ? `, about ${duration((run.planned_seconds - run.seconds) / pace)} left` : "";
+      $("#left").textContent = `${four(run.seconds)} of ${four(run.planned_seconds)} s simulated${left}`;
       document.documentElement.dataset.ready = "yes";
-      if (status !== "unfinished") return;
+      if (!going) return;
     }
     await new Promise((done) => setTimeout(done, 1000));
   }
 }
+
+const duration = (s) => (s < 90 ? `${Math.ceil(s)} s` : s < 5400 ? `${Math.round(s / 60)} min` : `${(s / 3600).toFixed(1)} h`);

@@ -3,13 +3,17 @@
 const plots = {
   drawn: [], // { panel, box, plot }
   joint: 0,
+  window: 0, // s up to the end that are drawn; all if 0
+  end: 0,
+  dashes: { solid: "", dash: "6 4", dot: "2 3", dashdot: "8 3 2 3", longdash: "12 4" },
 
-  async take({ figures, library }) {
+  async take({ figures, library, runs }) {
     this.lay(figures);
+    this.end = Math.max(...runs.map(({ seconds }) => seconds));
     await library;
     for (const one of this.drawn) {
       this.name(one);
-      await Plotly.react(one.plot, this.traces(one.panel), this.layout(one.panel), {
+      await Plotly.react(one.plot, this.traces(one.panel), this.layout(one), {
         responsive: true, displaylogo: false, scrollZoom: false,
         displayModeBar: false,
       });
@@ -41,7 +45,7 @@ const plots = {
       const section = make("section", { id: `figure-${figure.name}` },
         make("h2", { textContent: figure.title }),
         make("p", { className: "about" }, ...indexed(figure.about)));
-      if (joints.size > 3) section.append(this.chooser(joints));
+      if (joints.size > 3) section.append(this.chooser(figure.panels));
       section.append(inner);
       return section;
     }));
@@ -49,16 +53,15 @@ const plots = {
   },
 
   name({ panel, box }) {
-    $(".legend", box)?.replaceChildren(...panel.curves.map(({ name, ink, dash, width }) => {
-      const line = make("i");
-      line.style.borderTop = `${Math.max(width, 2.5)}px ${{ dash: "dashed", dot: "dotted" }[dash] ?? "solid"} var(${ink === null ? "--ink" : `--ink-${ink % 8}`})`;
-      return make("li", {}, line, make("span", {}, ...indexed(name)));
-    }));
+    $(".legend", box)?.replaceChildren(...panel.curves.map(({ name, ink, dash, width }) =>
+      make("li", {}, make("i", { innerHTML: `<svg viewBox="0 0 34 8"><path d="M1 4H33" fill="none" stroke="var(${ink === null ? "--ink" : `--ink-${ink % 8}`})" stroke-width="${Math.max(width, 2.2)}" stroke-dasharray="${this.dashes[dash]}"/></svg>` }),
+        make("span", {}, ...indexed(name)))));
   },
 
-  chooser(joints) {
-    return make("div", { className: "joints" }, ...[...joints].map((joint) => {
-      const button = make("button", { type: "button", textContent: `joint ${joint + 1}` });
+  chooser(panels) {
+    const names = new Map(panels.filter(({ joint }) => joint !== null).map((panel) => [panel.joint, panel.joint_name]));
+    return make("div", { className: "joints" }, ...[...names].map(([joint, name]) => {
+      const button = make("button", { type: "button", textContent: name || `joint ${joint + 1}` });
       button.dataset.joint = joint;
       button.addEventListener("click", () => this.choose(joint));
       return button;
@@ -75,43 +78,79 @@ const plots = {
   },
 
   traces(panel) {
-    return panel.curves.map((curve) => ({
+    return [...panel.bands.map((band) => this.band(band)), ...panel.curves.map((curve) => ({
       type: "scatter",
       mode: curve.marks ? "lines+markers" : "lines",
       name: indexedHtml(curve.name),
-      x: page.arrays[curve.x],
-      y: page.arrays[curve.y],
+      ...this.seen(page.arrays[curve.x], page.arrays[curve.y]),
       line: { color: theme.ink(curve.ink), dash: curve.dash, width: curve.width * (panel.rows.length ? 1 : 1.7) },
       marker: { color: theme.ink(curve.ink), size: 5 },
       hovertemplate: panel.rows.length ? "%{y}, t = %{x:.3f} s" : "%{y:.5g} at t = %{x:.3f} s",
       visible: shown.has(curve.group),
-    }));
+    }))];
   },
 
-  layout(panel) {
+  // the part of a curve that is in the window; a row of link events is short, and stays whole
+  seen(x, ...ys) {
+    const since = this.window ? x.findIndex((t) => t >= this.end - this.window) : 0;
+    const [y, other] = ys.map((values) => values.slice(since < 0 ? values.length : since));
+    return { x: x.slice(since < 0 ? x.length : since), y, other };
+  },
+
+  // an outline a stretch without gaps: along the upper edge, and back along the lower
+  band({ name, group, x, low, high, ink, opacity }) {
+    const { x: t, y: below, other: above } = this.seen(page.arrays[x], page.arrays[low], page.arrays[high]);
+    const outline = { x: [], y: [] };
+    for (let begin = 0; begin < t.length; begin++) {
+      if (Number.isNaN(below[begin])) continue;
+      let end = begin;
+      while (end < t.length && !Number.isNaN(below[end])) end++;
+      outline.x.push(...t.slice(begin, end), ...t.slice(begin, end).reverse(), null);
+      outline.y.push(...above.slice(begin, end), ...below.slice(begin, end).reverse(), null);
+      begin = end;
+    }
+    const alpha = Math.round(opacity * 255).toString(16).padStart(2, "0");
+    return { type: "scatter", mode: "lines", name, ...outline, fill: "toself", line: { width: 0 },
+      fillcolor: theme.ink(ink) + alpha, hoverinfo: "skip", visible: shown.has(group) };
+  },
+
+  layout({ panel, plot }) {
     const ink = theme.colour("--ink"), line = theme.colour("--line"), soft = theme.colour("--soft");
     const font = { family: getComputedStyle(document.body).fontFamily, size: 16, color: soft };
     const axis = { gridcolor: line, linecolor: line, zerolinecolor: line, zerolinewidth: 1, tickfont: font, automargin: true };
     return {
       font, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", uirevision: "kept",
-      margin: { l: 8, r: 10, t: 8, b: 8 }, hovermode: "closest", dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
+      margin: { l: 8, r: this.labelled(panel, plot) ? 150 : 10, t: 8, b: 8 }, hovermode: "closest", dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
       hoverlabel: { font: { ...font, color: ink }, bgcolor: theme.colour("--card"), bordercolor: line },
       showlegend: false,
-      xaxis: { ...axis, title: { text: "simulated time (s)", font, standoff: 6 }, nticks: 7, rangemode: "tozero" },
+      annotations: this.labelled(panel, plot) ? this.labels(panel, plot, font) : [],
+      xaxis: { ...axis, title: { text: "simulated time (s)", font, standoff: 6 }, nticks: 7,
+        ...(this.window ? { range: [Math.max(this.end - this.window, 0), this.end] } : panel.labels.length ? { range: [0, this.end] } : { rangemode: "tozero" }) },
       yaxis: { ...axis, nticks: 6,
-        ...(panel.logarithmic ? { type: "log", exponentformat: "power", dtick: 1 } : {}),
+        ...(panel.logarithmic ? { type: "log", exponentformat: "e", dtick: !panel.y_range || panel.y_range[1] > 20 * panel.y_range[0] ? 1 : "D2",
+          ...(panel.y_range && !this.window ? { range: panel.y_range.map(Math.log10) } : {}) } : {}),
         ...(panel.rows.length ? { tickvals: panel.rows.map((_, at) => at), ticktext: panel.rows,
           range: [panel.rows.length - 0.4, -0.6], zeroline: false } : {}) },
     };
   },
 
+  labelled(panel, plot) { return panel.labels.length && !this.window && plot.clientWidth > 440; },
+
+  labels({ labels }, plot, font) {
+    return labels.map(({ text, x, y, shift, ink }) => ({
+      text: indexedHtml(text), x, y: Math.log10(y), ax: 16, ay: -shift * (plot.clientHeight - 60), xanchor: "left",
+      font: { ...font, size: 15, color: theme.ink(ink) }, arrowhead: 0, arrowwidth: 1, arrowcolor: theme.ink(ink),
+    }));
+  },
+
   show() {
     for (const { panel, plot } of this.drawn)
-      if (plot.data) Plotly.restyle(plot, { visible: panel.curves.map(({ group }) => shown.has(group)) });
+      if (plot.data)
+        Plotly.restyle(plot, { visible: [...panel.bands, ...panel.curves].map(({ group }) => shown.has(group)) });
   },
 
   recolour() {
-    for (const { panel, plot } of this.drawn)
-      if (plot.data) Plotly.react(plot, this.traces(panel), this.layout(panel));
+    for (const one of this.drawn)
+      if (one.plot.data) Plotly.react(one.plot, this.traces(one.panel), this.layout(one));
   },
 };
