@@ -113,8 +113,9 @@ class StudyReport:
                     for p in failures
                 ],
             )
+        around = ("95 % from", "to")
         found["Cells"] = (
-            (*table.keys, "runs", "converged", "95 %", "", f"median {ERROR}", "95 %", "", "again"),
+            (*table.keys, "runs", "converged", *around, f"median {ERROR}", *around, "again"),
             [
                 self._cell_row(one) if number < MOST else []
                 for number, one in enumerate(self._cells)

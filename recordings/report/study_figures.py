@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure as Sheet
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from nrs_cosim.recordings.report.print import INKS, STYLE
@@ -24,6 +25,8 @@ from nrs_cosim.recordings.report.print import INKS, STYLE
 Array = NDArray[np.float64]
 _RADIUS, _MARGIN = "#c2255c", "#1b1f24"
 _NONE = "#d5d9de"
+_OUTLINED = [withStroke(linewidth=2.5, foreground="white")]
+"""So that a mark is seen on each colour of a map."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +99,7 @@ def study_sheets(maps: Sequence[StudyMap], slices: Sequence[StudySlice]) -> list
             _draw_map(sheet, one)
             sheets.append(sheet)
         for one_slice in slices:
-            sheet = Sheet(figsize=(9.0, 3.2), layout="constrained")
+            sheet = Sheet(figsize=(9.0, _height(one_slice)), layout="constrained")
             _draw_slice(sheet, one_slice)
             sheets.append(sheet)
         return sheets
@@ -116,7 +119,7 @@ def study_svgs(maps: Sequence[StudyMap], slices: Sequence[StudySlice]) -> list[s
 
 def _together(maps: Sequence[StudyMap], slices: Sequence[StudySlice]) -> Sheet:
     with mpl.rc_context(STYLE):
-        heights = [3.7] * len(maps) + [3.2] * len(slices)
+        heights = [3.7] * len(maps) + [_height(one) for one in slices]
         sheet = Sheet(figsize=(9.0, sum(heights) or 1.0), layout="constrained")
         if not heights:
             sheet.text(0.5, 0.5, "no axis has two numbers", ha="center", va="center")
@@ -139,7 +142,7 @@ def _draw_map(sheet: Any, one: StudyMap) -> None:
         right, one, one.error, {"cmap": "viridis", "norm": norm}, "median sup |eps - eps_0|, rad"
     )
     for axes in (left, right):
-        handles = _theory(axes, one)
+        handles = _marks(axes, one)
         axes.set_xlabel(one.x_name)
         axes.grid(visible=False)
         for name, values, scale in (("x", one.x, axes.set_xscale), ("y", one.y, axes.set_yscale)):
@@ -166,8 +169,6 @@ def _cells(axes: Axes, one: StudyMap, values: Array, look: Mapping[str, Any], na
         drawn = axes.scatter(
             one.x, one.y, c=values, s=22, edgecolors="#5a6470", linewidths=0.3, **look
         )
-    if one.failed.any():
-        axes.plot(one.x[one.failed], one.y[one.failed], "kx", ms=4, mew=1.2)
     bar = axes.figure.colorbar(drawn, ax=axes, pad=0.02)
     bar.outline.set_visible(False)
     axes.set_title(name, fontsize=8)
@@ -186,21 +187,19 @@ def _next_to(grid: Array, seen: NDArray[np.bool_]) -> Array:
     return filled if along else filled.T
 
 
-def _theory(axes: Axes, one: StudyMap) -> list[Any]:
-    """Draw where theory has its boundaries; return what the legend says of them."""
+def _marks(axes: Axes, one: StudyMap) -> list[Any]:
+    """Draw where theory has its boundaries, and runs failed; return what the legend says of it."""
+    failed = np.stack([one.x, one.y], axis=1)[one.failed]
     handles = []
-    for places, marker, colour, name in (
-        (one.margin, "x", _MARGIN, "conditions: margin 0"),
-        (
-            one.radius,
-            ".",
-            _RADIUS,
-            "theory: ρ = 1",
-        ),
+    for places, marker, size, colour, name in (
+        (failed, "s", 7, "none", "a run failed"),
+        (one.margin, "x", 6, _MARGIN, "conditions: margin 0"),
+        (one.radius, ".", 6, _RADIUS, "theory: ρ = 1"),
     ):
         if len(places):
-            look: Any = {"ls": "", "ms": 6, "marker": marker, "color": colour, "label": name}
-            handles += axes.plot(places[:, 0], places[:, 1], **look)
+            look: Any = {"ls": "", "ms": size, "marker": marker, "color": colour, "label": name}
+            look |= {"mec": _MARGIN} if colour == "none" else {}
+            handles += axes.plot(places[:, 0], places[:, 1], path_effects=_OUTLINED, **look)
     return handles
 
 
@@ -236,9 +235,20 @@ def _draw_slice(sheet: Any, one: StudySlice) -> None:
         error.set_yscale("log")
     for axes in (error, rate):
         if axes.get_legend_handles_labels()[0]:
-            axes.legend()
+            axes.legend(frameon=True, edgecolor="none")
     if len(one.lines) > 1:
-        share.legend()
+        handles, _ = share.get_legend_handles_labels()
+        sheet.legend(handles=handles, loc="outside lower center", ncols=_columns(one))
+
+
+def _columns(one: StudySlice) -> int:
+    """Return how many names of lines stand beside one another below a slice."""
+    return max(1, min(len(one.lines), 150 // (8 + max(len(line.name) for line in one.lines))))
+
+
+def _height(one: StudySlice) -> float:
+    """Return how high a slice is with the names of its lines, inches."""
+    return 3.2 + 0.16 * -(-len(one.lines) // _columns(one)) * (len(one.lines) > 1)
 
 
 def _edges(values: Array) -> Array:

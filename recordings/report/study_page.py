@@ -4,15 +4,24 @@ from collections.abc import Mapping, Sequence
 from html import escape
 
 _STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #1b1f24; margin: 2rem auto; max-width: 70rem;
-       padding: 0 1rem; background: #fff; }
+:root { color-scheme: light dark; --page: #fff; --ink: #1b1f24; --line: #e3e6ea; --code: #f3f4f6;
+        --link: #1f5fbf; }
+@media (prefers-color-scheme: dark) {
+  :root { --page: #101317; --ink: #eceff3; --line: #2d343d; --code: #22272e; --link: #7fb0ff; }
+}
+body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--page);
+       margin: 2rem auto; max-width: 70rem; padding: 0 1rem; }
 h1 { font-size: 1.4rem; } h2 { font-size: 1.1rem; margin-top: 2rem; }
-svg { width: 100%; height: auto; }
+a { color: var(--link); }
+figure { margin: 1rem 0; padding: .4rem; overflow-x: auto; background: #fff; border-radius: 6px; }
+svg { display: block; width: 100%; min-width: 44rem; height: auto; }
 table { border-collapse: collapse; font-size: 13px; }
-th, td { text-align: left; padding: .2rem .7rem .2rem 0; border-bottom: 1px solid #e3e6ea;
+th, td { text-align: left; padding: .2rem .7rem .2rem 0; border-bottom: 1px solid var(--line);
          vertical-align: top; }
-td.number { text-align: right; font-variant-numeric: tabular-nums; }
-code { font-size: 12px; background: #f3f4f6; padding: .1rem .3rem; border-radius: 3px; }
+th, code { white-space: nowrap; }
+.number { text-align: right; font-variant-numeric: tabular-nums; }
+.long { min-width: 20rem; }
+code { font-size: 12px; background: var(--code); padding: .1rem .3rem; border-radius: 3px; }
 .wide { overflow-x: auto; }
 """
 Cell = str | float | int | None
@@ -20,6 +29,8 @@ Listing = tuple[Sequence[str], Sequence[Sequence[Cell]]]
 """Columns and rows."""
 MOST = 500
 """Rows of a table in the page."""
+_LONG = 40
+"""Characters of a text that has lines of some length, however narrow the page."""
 
 
 def study_page(
@@ -52,7 +63,13 @@ def study_page(
 
 
 def _table(heading: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
-    head = "".join(f"<th>{escape(column)}</th>" for column in columns)
+    of_numbers = [
+        any(isinstance(row[at], float | int) for row in rows[:MOST]) for at in range(len(columns))
+    ]
+    head = "".join(
+        f"<th{' class=number' * numbers}>{escape(column)}</th>"
+        for column, numbers in zip(columns, of_numbers, strict=True)
+    )
     body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in rows[:MOST])
     more = f"<p>and {len(rows) - MOST} more</p>" if len(rows) > MOST else ""
     whole = f"<div class=wide><table><tr>{head}</tr>{body}</table></div>"
@@ -68,4 +85,4 @@ def _cell(value: Cell) -> str:
         return f'<td><a href="{escape(value)}">recording</a></td>'
     if value.startswith("nrs "):
         return f"<td><code>{escape(value)}</code></td>"
-    return f"<td>{escape(value)}</td>"
+    return f"<td{' class=long' * (len(value) > _LONG)}>{escape(value)}</td>"

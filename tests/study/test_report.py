@@ -91,6 +91,7 @@ def test_the_page_needs_nothing_else_and_has_failures_with_a_line_to_run_them(st
     (failure,) = json.loads(command("study", "info", study.folder, "--json").stdout)["failures"]
     assert failure["command"] in text
     assert text.count("<svg") == 3
+    assert text.count("<!-- a run failed -->") == 1, "in the legend of the map"
 
 
 @pytest.mark.parametrize("form", cases(["png", "pdf", "svg"], ["png"]))
