@@ -6,7 +6,7 @@ DATA := recordings/data
 # A command takes a third longer where Python compiles the package each time; tests start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs tutorials gallery demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-commands benchmark-peers verify-elsewhere benchmark-studies soak release urdfs figures rerun-picture reference paper lint lock clean
+.PHONY: docs tutorials gallery demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-commands benchmark-command performance digests benchmark-peers verify-elsewhere benchmark-studies soak release urdfs figures rerun-picture reference paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap --force
@@ -44,6 +44,15 @@ benchmark-parts: .venv/.installed  ## FMUs in a process of their own; recordings
 
 benchmark-commands: .venv/.installed  ## time and memory that commands take of a recording of four million messages
 	$(BIN)/python -m benchmarks.commands $(ARGS)
+
+benchmark-command: .venv/.installed  ## the whole nrs run of the paper's example beside a script with FMPy; what commands load
+	$(BIN)/python -m benchmarks.command $(ARGS)
+
+performance: benchmark anatomy benchmark-command benchmark-peers digests  ## on a quiet machine: all of docs/performance.md, and the floors that tests hold
+	$(BIN)/python -m benchmarks.ratios --keep
+
+digests: .venv/.tested  ## the digest of the paper's example by threads, workers, compilers, processors' features
+	$(BIN)/python -m benchmarks.digests
 
 benchmark-peers: .venv/.installed .venv-peers/.created  ## other engines on the same FMU, in .venv-peers
 	$(BIN)/python -m benchmarks.peers.beside .venv-peers/bin/python $(ARGS)

@@ -3,6 +3,9 @@
 Both are commands: start-up is in them. The script has NumPy and FMPy, neither bus nor disk, and
 must come to the recorded states within the tolerance of sums that are added in another order. They
 take turns; wall time, and processor time of all threads.
+
+`nrs info` of that recording and `nrs check` of that scenario stand beside `import numpy`, for
+seconds are another machine's, and beside the libraries that they cannot do without, imported alone.
 """
 
 import os
@@ -27,6 +30,15 @@ SCENARIO = Path(__file__).parents[1] / "scenarios" / "paper_first_order.toml"
 COMMAND, SCRIPT = "nrs run", "script with FMPy"
 CLOSE = 1e-6
 """rad and rad/s"""
+NUMPY = "import numpy"
+LIBRARIES = "numpy", "typer.main", "rich.console", "pydantic", "google.protobuf.descriptor_pb2"
+READS = *LIBRARIES, "mcap.records", "zstandard", "lz4.frame"
+STARTS: Mapping[str, str] = {
+    NUMPY: "numpy",
+    "libraries of check": ", ".join((*LIBRARIES, "fmpy", "lxml.etree")),
+    "libraries of info": ", ".join(READS),
+}
+"""What is imported by Python alone, and called so."""
 
 
 def spent(command: Sequence[str | Path]) -> dict[str, float]:
@@ -65,6 +77,21 @@ def measured(folder: Path, rounds: int) -> Mapping[str, list[dict[str, float]]]:
     return found
 
 
+def started(recording: Path, rounds: int) -> Mapping[str, list[dict[str, float]]]:
+    """Return what commands take that do little, and what they load, in rounds."""
+    nrs = [sys.executable, "-m", "nrs_cosim.orchestrator"]
+    commands: dict[str, Sequence[str | Path]] = {
+        what: [sys.executable, "-c", f"import {modules}"] for what, modules in STARTS.items()
+    }
+    commands |= {"nrs --version": [*nrs, "--version"], "nrs info": [*nrs, "info", recording]}
+    commands["nrs check"] = [*nrs, "check", SCENARIO]
+    found: defaultdict[str, list[dict[str, float]]] = defaultdict(list)
+    for _ in range(rounds):
+        for what, command in commands.items():
+            found[what].append(spent(command))
+    return found
+
+
 def main() -> None:
     """Print both, and write them as JSON beside."""
     parser = ArgumentParser(description="the whole command beside a script with FMPy")
@@ -74,13 +101,18 @@ def main() -> None:
     print(text(of))
     with TemporaryDirectory(prefix="nrs-") as folder:
         found = measured(Path(folder), given.rounds)
+        starts = started(Path(folder) / "run.mcap", given.rounds)
     kinds = {"seconds": "wall", "cpu": "processor"}
     for kind, word in kinds.items():
         times = {what: [row[kind] for row in rows] for what, rows in found.items()}
         medians = ", ".join(f"{what} {statistics.median(of):.2f} s" for what, of in times.items())
         ratio = compared(times[SCRIPT], times[COMMAND])
         print(f"{word:10}{medians}; script / command {ratio['ratio']:.2f}")
-    keep("command", {"machine": of, "rounds": found})
+    for what, rows in starts.items():
+        ours, numpy = ([row["cpu"] for row in of] for of in (rows, starts[NUMPY]))
+        ratio = compared(ours, numpy)["ratio"]
+        print(f"{what:20}processor {statistics.median(ours):.2f} s, {ratio:.1f} of {NUMPY}")
+    keep("command", {"machine": of, "rounds": found, "starts": starts})
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """What a robot-interval takes at least: what is left when everything but the matter itself is free.
 
     FMU arithmetic    the FMUs' steps: a native round of steps and reads, less one of reads
+    Zenoh             a batch of samples a tick, put and received
     copied once       the messages, from one place in memory to another
     SHA-256           of what the digest is over
     zstd              of the messages as records, a chunk at a time
@@ -20,13 +21,14 @@ from time import thread_time
 
 import numpy as np
 
-from benchmarks.measured import recorded
+from benchmarks.measured import recorded, zenoh_put_and_received
 from benchmarks.work import H, Motion, keep_motion, scenario
 from nrs_cosim.orchestrator.engine.robots import Robots
 from nrs_cosim.recordings.mcap.chunk import _COMPRESS
 from nrs_cosim.recordings.mcap.reader import Reader
 
 ROUNDS = 5
+PUTS, SAMPLE_BYTES = 1_000, 59
 
 
 def floor(n: int, ticks: int) -> dict[str, float]:
@@ -38,7 +40,9 @@ def floor(n: int, ticks: int) -> dict[str, float]:
         keep_motion(scenario(n, ticks), path, kept)
         motion = Motion(kept)
         steps = min(arithmetic(n, ticks, motion) for _ in range(ROUNDS))
-        parts = {"FMU arithmetic": steps, **of_bytes(path)}
+        batch = bytes(n * SAMPLE_BYTES)
+        bus = min(zenoh_put_and_received(PUTS, batch)["cpu"] for _ in range(ROUNDS)) / PUTS * ticks
+        parts = {"FMU arithmetic": steps, "Zenoh": bus, **of_bytes(path)}
     found = {part: seconds / (n * ticks) * 1e6 for part, seconds in parts.items()}
     return {**found, "floor": sum(found.values())}
 

@@ -107,8 +107,8 @@ def recorded_file(
     }
 
 
-def zenoh_put_and_received(count: int) -> Found:
-    """Put samples one by one on a key of a session without sockets, and take them out again."""
+def zenoh_put_and_received(count: int, payload: bytes = _PAYLOAD) -> Found:
+    """Put messages one by one on a key of a session without sockets, and take them out again."""
     session = open_session(Endpoints())
     received: deque[Any] = deque()
     session.declare_subscriber("nrs/x/samples/a", Callback(received.append, indirect=False))
@@ -119,13 +119,13 @@ def zenoh_put_and_received(count: int) -> Found:
         nonlocal taken
         for _ in range(count // _BATCH):
             for _ in range(_BATCH):
-                put(_PAYLOAD)
+                put(payload)
             while received:
                 taken += len(received.popleft().payload.to_bytes())
 
     spent = timed(work)
     session.close()
-    assert taken == count // _BATCH * _BATCH * len(_PAYLOAD)
+    assert taken == count // _BATCH * _BATCH * len(payload)
     return spent
 
 

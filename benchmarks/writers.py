@@ -12,6 +12,7 @@ from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.keys import topic_of
 from nrs_cosim.bus.messages import SAMPLE, STATE, Codec
+from nrs_cosim.orchestrator.engine.native.arranging import load_arranging
 from nrs_cosim.recordings.channels import channels, schemas
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.container import Message
@@ -63,6 +64,7 @@ def recording(path: Path, n: int) -> Iterator[Writer]:
         schemas=schemas(used, CODECS),
         metadata=about,
         attachments={},
+        arranging=load_arranging(),
     ) as writer:
         yield writer
         writer.finish("completed")

@@ -37,7 +37,7 @@ Nodes = NDArray[np.integer]
 
 _K = Struct("<I")
 _KEPT = 8
-"""How many batches a wire knows that it packed, of each kind and worker."""
+"""Of how many of the target's batches a wire knows that it packed them."""
 _WRONG = {"robot": "robot", "k": "tick", "time_ns": "time"}
 
 
@@ -244,7 +244,7 @@ class Wire:
     def _keep(self, kind: str, worker: str, payload: bytes, accepted: tuple[int, Any]) -> None:
         own = self._own[kind, worker]
         own[accepted[0]] = payload, accepted
-        if len(own) > _KEPT:
+        if len(own) > (_KEPT if worker == TARGET else 2):
             del own[next(iter(own))]
 
     def _packed(self, kind: str, worker: str, payload: bytes) -> Any:
