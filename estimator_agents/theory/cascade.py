@@ -26,7 +26,7 @@ from nrs_cosim.estimator_agents.theory.worst_case import NEAR, Response, bound_o
 
 Array = NDArray[np.float64]
 
-ROBOTS, WORK = 24, 1e8
+ROBOTS, WORK = 64, 1e8
 """Robots of the same gains, and numbers of their responses, that are looked at, at most."""
 BENT = 0.003
 """The part of a bound that may be added for what is curved."""

@@ -4,7 +4,7 @@ Proven (statement G5): multiples of I for which the balls of `tracking_bounds`, 
 exact, are within a share of what is wanted, and the largest h for which they are within all of it
 with the estimates' own worst cases. The balls vanish as both gains grow, so that there always are
 such gains. Of those that just suffice, for several rates kp/kd, the ones with the least
-kp δ + kd δ' are taken: the torque at the wanted errors.
+kp δ + kd δ' are taken: the torque at the wanted errors. Of linear robots T5 then makes h longer.
 
 The paper's (6.1) and (6.2), which rest on balls that its proof does not yield, with ϵ for the share
 of the push ϱ3 that stays when the estimates are exact, ϱ3 = μ1/ϵ:
@@ -30,6 +30,8 @@ from nrs_cosim.estimator_agents.theory.tracking_bounds import Filtered, Loop, tr
 
 SHORTEST, LONGEST, HALVINGS = 1e-9, 1e3, 24
 """s, s; and how often the logarithm of h is halved between them."""
+DOUBLINGS, HALVED = 6, 8
+"""How often a period is doubled by tight bounds, which take their time, and then halved so."""
 MARGIN = 1e-9
 """By which the gains are above their least, for Theorems 2 and 3 want them greater."""
 RATES = np.geomspace(1e-3, 1e3, 25)
@@ -42,6 +44,8 @@ BoundOf = Callable[[float], EstimateBounds | None]
 """Returns bounds on the estimates for a period in s; None where they are not known."""
 KnownOf = Callable[[float], tuple[EstimateBounds, Filtered] | None]
 """Returns bounds at all times and what loops make of the estimates, for a period in s."""
+TightOf = Callable[[float, float, float], EstimateBounds | None]
+"""Returns a ball of all robots by T5, for a period in s, kp and kd; None where there is none."""
 Known = TypeVar("Known")
 Status = Literal["found", "no bounds", "no period is short enough", "not computed"]
 
@@ -97,10 +101,12 @@ def design(
     epsilon: float,
     paper: BoundOf,
     known: KnownOf,
+    tight: TightOf | None = None,
 ) -> Design:
     """Return gains and the largest period for balls of e (rad) and of ė (rad/s).
 
-    `paper` has δ1 and δ2 of Theorems 1 and 3; `known` what holds at all times.
+    `paper` has δ1 and δ2 of Theorems 1 and 3; `known` what holds at all times; with `tight` ones
+    the period may be longer.
     """
     of_paper = [constants for constants, _ in robots]
     kp = max(
@@ -111,7 +117,10 @@ def design(
     room = min(of.mu_1 * (1 - epsilon) / (epsilon * sqrt(of.m)) for of in of_paper)
     stated = Gains(kp, kd, *_longest(paper, lambda b: kp * b.position + kd * b.velocity <= room))
     loops = [loop for _, loop in robots]
-    return Design(epsilon, _proven(loops, wanted, epsilon, known), stated)
+    proven = _proven(loops, wanted, epsilon, known)
+    if tight and proven and proven.period is not None:
+        proven = replace(proven, period=_longer(proven, proven.period, wanted, tight))
+    return Design(epsilon, proven, stated)
 
 
 def _proven(
@@ -143,6 +152,23 @@ def _proven(
         return None
     kp, kd = min(found, key=lambda pair: pair[0] * wanted.position + pair[1] * wanted.velocity)
     return Gains(kp, kd, *_longest(known, lambda one: _within(ball(kp, kd, *one), wanted)))
+
+
+def _longer(gains: Gains, period: float, wanted: EstimateBounds, tight: TightOf) -> float:
+    """Return a period, s, that tight bounds allow, no shorter than the one that others do."""
+
+    def fits(h: float) -> bool:
+        return _within(tight(h, gains.kp, gains.kd), wanted)
+
+    low, high = period, 2 * period
+    for _ in range(DOUBLINGS):
+        if not fits(high):
+            break
+        low, high = high, 2 * high
+    for _ in range(HALVED):
+        middle = sqrt(low * high)
+        low, high = (middle, high) if fits(middle) else (low, middle)
+    return low
 
 
 def _within(ball: EstimateBounds | None, wanted: EstimateBounds) -> bool:

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods
+from nrs_cosim.estimator_agents.theory.cascade import cascade_ball
 from nrs_cosim.estimator_agents.theory.design import Design, Gains, design
 from nrs_cosim.estimator_agents.theory.estimates import (
     EstimateBounds,
@@ -14,6 +15,8 @@ from nrs_cosim.estimator_agents.theory.estimates import (
 )
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.reference_filter import filtered
+from nrs_cosim.estimator_agents.theory.step_responses import steps_of
+from nrs_cosim.estimator_agents.theory.tracking import worst_tracking
 from nrs_cosim.estimator_agents.theory.tracking_bounds import Filtered
 from nrs_cosim.orchestrator.analysis.convergence import (
     lasting,
@@ -58,7 +61,17 @@ def designed(
             return None
         return always, cache(lambda rate: filtered(recursion, whole, always, rate))
 
-    found = design(robots, wanted, epsilon, paper_of, known)
+    def tight(h: float, kp: float, kd: float) -> EstimateBounds | None:
+        recursion, unit = recursion_at(h), np.eye(experiment.m)
+        steps = steps_of(recursion) if recursion else None
+        if steps is None:
+            return None
+        each = [replace(loop, kp=kp * unit, kd=kd * unit) for _, loop in robots]
+        pairs = zip(each, parts, strict=True)
+        balls = [cascade_ball(loop, steps, np.array(part.robots) - 1) for loop, part in pairs]
+        return worst_tracking(balls)
+
+    found = design(robots, wanted, epsilon, paper_of, known, tight)
     return replace(found, sampled=any(part.sampled for part in parts))
 
 

@@ -8,7 +8,9 @@ import pytest
 import nrs_cosim
 from nrs_cosim.estimator_agents.theory.design import Gains
 from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
+from nrs_cosim.orchestrator.analysis import accuracy
 from nrs_cosim.orchestrator.analysis.accuracy import designed
+from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
 from nrs_cosim.orchestrator.analysis.plant_bounds import plant_bounds
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import experiment_of, measure
@@ -85,6 +87,22 @@ def test_runs_of_random_designs_keep_their_accuracy(tmp_path, model, seed):
     wanted, measured = accuracy_of_a_run(tmp_path, model, seed)
     assert 0 < measured.position_tracking <= wanted.position
     assert 0 < measured.velocity_tracking <= wanted.velocity
+
+
+def test_of_linear_robots_the_period_is_the_longest_that_sharp_bounds_allow(monkeypatch):
+    linear, wanted = paper({"plant.fmu": "planar_robot"}), EstimateBounds(0.3, 0.5)
+    found = designed(linear, wanted, 0.5).proven
+    monkeypatch.setattr(accuracy, "steps_of", lambda _: None)
+    assert found.period > 1.2 * designed(linear, wanted, 0.5).proven.period
+
+    def tracked(h):
+        times = {"run.sampling_period": h, "run.output_step": h, "run.duration": 100 * h}
+        gains = {"controller.kp": found.kp, "controller.kd": found.kd, "plant.fmu": "planar_robot"}
+        return ultimate_bounds(paper(times, gains)).tracking.worst_case
+
+    within, beyond = (tracked(round(part * found.period, 6)) for part in (0.99, 1.03))
+    assert max(within.position / 0.3, within.velocity / 0.5) <= 1
+    assert max(beyond.position / 0.3, beyond.velocity / 0.5) > 1
 
 
 @pytest.mark.parametrize("name", ["fastest", "period", "jitter", "pinning"])
