@@ -207,15 +207,27 @@ def _ends(pid: int, seconds: float) -> bool:
 
 
 def engines() -> None:
-    """The table of 500 points by this process and by a pool, bit for bit."""
+    """The table of 500 points by this process, by a pool, and by Dask, bit for bit."""
+    import distributed  # noqa: PLC0415, an extra
+
     scenario = nrs.Scenario.load(PAPER).replace({"run.duration": 1.0})
     axes = {"algorithm.alpha": "0.5:1.5:25", "run.sampling_period": [0.02, 0.05, 0.1, 0.2]}
-    digests = {}
-    for jobs in (0, 2):
-        study = nrs.sweep(scenario, axes, seeds=5, jobs=jobs)
-        digests[jobs] = study.digest
-        print(f"{len(study)} points, {jobs} processes         table {study.digest[:16]}")
-    assert len({*digests.values()}) == 1
+    digests = set()
+    with (
+        TemporaryDirectory() as place,
+        dask(Path(place)) as (address, _),
+        distributed.Client(address, set_as_default=False) as client,
+    ):
+        client.wait_for_workers(2)
+        for name, engine in (
+            ("this process", {"jobs": 0}),
+            ("a pool of two", {"jobs": 2}),
+            ("Dask, two workers", {"executor": client.get_executor(pure=False), "jobs": 2}),
+        ):
+            study = nrs.sweep(scenario, axes, seeds=5, **engine)
+            digests.add(study.digest)
+            print(f"{len(study)} points, {name:20} table {study.digest[:16]}")
+    assert len(digests) == 1
 
 
 def size() -> None:

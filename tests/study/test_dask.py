@@ -1,5 +1,6 @@
 """A study on a Dask cluster: a real scheduler and workers, as processes, are used and killed."""
 
+import json
 import os
 import shutil
 import signal
@@ -21,7 +22,7 @@ from nrs_cosim.orchestrator.study.study import sweep_into
 from tests.command import nrs as nrs_command
 from tests.guard import GUARD
 from tests.network.authority import Authority
-from tests.plant_fmu.faulty_fmu import built, three_robots
+from tests.plant_fmu.faulty_fmu import FAULTS, built, three_robots
 from tests.scenarios import PAPER, example, write
 
 distributed = pytest.importorskip("distributed", reason="the extra `dask` is not installed")
@@ -100,6 +101,18 @@ def table(folder, engine, follow=lambda _progress, _row: None):
     return nrs.Study(folder).digest
 
 
+def reason_of_an_fmu(folder, engine):
+    """Return why a point with an FMU that is not bundled, whatever is in it, fails on an engine."""
+    (folder / "strange.fmu").write_bytes(b"native code")
+    (folder / "strange").mkdir()
+    base = example(three_robots(fmu="strange.fmu"), folder=folder, name="strange")
+    with StudyStore(folder / "strange") as store:
+        sweep_into(store, StudyPlan({"strange": base}, [], sent=True), engine)
+        (row,) = store.rows()
+    assert (row.status, row.cause_kind) == ("failed", "input")
+    return row.reason
+
+
 def test_the_table_is_that_of_this_process_whoever_is_killed(tmp_path):
     killed = []
     serial = table(tmp_path / "serial", local_engine(0))
@@ -120,6 +133,10 @@ def test_the_table_is_that_of_this_process_whoever_is_killed(tmp_path):
             row.digest for row in nrs.Study(tmp_path / "serial").rows
         }
 
+        assert "worker runs no FMU that is sent to it; start it with NRS_ALLOW_FMUS=1" in (
+            reason_of_an_fmu(tmp_path, dask_engine(address))
+        )
+
         def kill_scheduler(progress, _row):
             if progress.done == 2:
                 os.killpg(scheduler.pid, signal.SIGKILL)
@@ -130,20 +147,26 @@ def test_the_table_is_that_of_this_process_whoever_is_killed(tmp_path):
     assert table(tmp_path / "b", local_engine(0)) == serial
 
 
-def test_an_fmu_is_sent_over_tls_and_runs_where_that_is_allowed(tmp_path):
+def test_an_fmu_is_sent_over_tls_and_runs_isolated_where_that_is_allowed(tmp_path):
     mine = Authority(tmp_path / "ca").issue("lab")
     options = ("--tls-ca-file", mine.ca, "--tls-cert", mine.certificate, "--tls-key", mine.key)
     shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
     write(tmp_path / "s.toml", base=three_robots())
     environment = {"NRS_CACHE": str(tmp_path / "cache"), "NRS_ALLOW_FMUS": "1"}
+    study = tmp_path / "study"
+    over = f"plant.parameters.fault={FAULTS.index('none')},{FAULTS.index('segfault')}"
     with cluster(tmp_path, *map(str, options), scheme="tls", **environment) as (_, address):
         assert address.startswith("tls://")
         done = nrs_command(
-            "sweep", tmp_path / "s.toml", "-o", tmp_path / "study", "--dask", address,
+            "sweep", tmp_path / "s.toml", "-o", study, "--dask", address, "--over", over,
             "--tls-ca", mine.ca, "--tls-certificate", mine.certificate, "--tls-key", mine.key,
         )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "1 converged" in done.stdout
+    assert done.returncode == 1, done.stderr
+    rows = {json.loads(row.point)[over.partition("=")[0]]: row for row in nrs.Study(study).rows}
+    healthy, broken = (rows[FAULTS.index(fault)] for fault in ("none", "segfault"))
+    assert healthy.status == "converged"
+    assert (broken.status, broken.cause_kind, broken.tries) == ("failed", "plant", 1)
+    assert broken.reason in " ".join(done.stderr.split())
     assert list((tmp_path / "cache").rglob("by-sha256/*.fmu"))
 
 
