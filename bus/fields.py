@@ -6,7 +6,7 @@ columns name_1_1, name_1_2, …, name_r_c, in the order of its numbers in a mess
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from keyword import iskeyword
@@ -69,8 +69,12 @@ ESTIMATE: Fields = {
 
 def column_names(name: str, shape: Shape) -> list[str]:
     """Return a name for each number of an array: name, name_i, name_i_j, …, from 1."""
-    indices = product(*(range(1, size + 1) for size in shape))
-    return ["_".join([name, *map(str, index)]) for index in indices]
+    return indexed_names(name, [range(1, size + 1) for size in shape])
+
+
+def indexed_names(name: str, axes: Sequence[Sequence[int]]) -> list[str]:
+    """Return the same for a part of an array, of the given numbers along each axis."""
+    return ["_".join([name, *map(str, index)]) for index in product(*axes)]
 
 
 def wrong_fields(fields: Mapping[str, Any]) -> Iterator[str]:

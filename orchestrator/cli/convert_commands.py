@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.cli.options import RecordingPath, moment, whole_number
+from nrs_cosim.orchestrator.cli.options import OfRobots, RecordingPath, Since, Until, whole_number
 from nrs_cosim.orchestrator.terminal import err, out, say
 
 _BAG = "a bag is a folder; give the folder's name, or FILE.mcap for a file alone"
@@ -31,27 +31,9 @@ def convert(
             help="A new folder with the file and its metadata.yaml, or the file alone.",
         ),
     ],
-    robots: Annotated[
-        str | None, typer.Option(metavar="1-3,7", help="Which robots; all unless given.")
-    ] = None,
-    since: Annotated[
-        float | None,
-        typer.Option(
-            "--from",
-            metavar="T",
-            parser=moment("--from"),
-            help="Begin with messages of this simulated time, s.",
-        ),
-    ] = None,
-    until: Annotated[
-        float | None,
-        typer.Option(
-            "--until",
-            metavar="T",
-            parser=moment("--until"),
-            help="End before messages of this simulated time, s.",
-        ),
-    ] = None,
+    robots: OfRobots = None,
+    since: Since = None,
+    until: Until = None,
     epoch: Annotated[
         int,
         typer.Option(

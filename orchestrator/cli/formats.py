@@ -12,6 +12,7 @@ _KINDS = {
     ".json": "JSON",
     ".mat": "a table",
     ".mcap": "a recording",
+    ".nc": "a netCDF file",
     ".parquet": "a table",
     ".pdf": "a PDF",
     ".png": "a picture",

@@ -291,6 +291,30 @@ Stay = Annotated[
     typer.Option("--stay", help="With --live, --foxglove: serve it until Ctrl-C after the run."),
 ]
 
+OfRobots = Annotated[
+    str | None, typer.Option("--robots", metavar="1-3,7", help="Which robots; all unless given.")
+]
+OfJoints = Annotated[
+    str | None, typer.Option("--joints", metavar="1-3,7", help="Which joints; all unless given.")
+]
+Since = Annotated[
+    float | None,
+    typer.Option(
+        "--from",
+        metavar="T",
+        parser=moment("--from"),
+        help="Begin with messages of this simulated time, s.",
+    ),
+]
+Until = Annotated[
+    float | None,
+    typer.Option(
+        "--until",
+        metavar="T",
+        parser=moment("--until"),
+        help="End before messages of this simulated time, s.",
+    ),
+]
 ReportFile = Annotated[
     Path,
     typer.Option(

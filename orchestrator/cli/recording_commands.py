@@ -1,13 +1,27 @@
 """What is done with a recording: `info`, `export`, `recover`, `scene`."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from nrs_cosim.bus.errors import InputError, MissingExtraError
-from nrs_cosim.orchestrator.cli.options import NewRecording, RecordingPath
+from nrs_cosim.orchestrator.cli.options import (
+    NewRecording,
+    OfJoints,
+    OfRobots,
+    RecordingPath,
+    Since,
+    Until,
+)
 from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
+
+if TYPE_CHECKING:
+    from nrs_cosim.recordings.export.selection import Selected
+    from nrs_cosim.recordings.mcap.reader import Reader
+
+    Write = Callable[[Reader, Selected], list[Path]]
 
 
 def info(recording: RecordingPath, as_json: AsJson = False) -> None:
@@ -35,44 +49,87 @@ def export(
     output: Annotated[
         Path,
         typer.Option(
-            "-o", "--output", metavar="DIR|FILE.ssp", help="Where the tables, or the system, go."
+            "-o",
+            "--output",
+            metavar="DIR|FILE.nc|FILE.ssp",
+            help="Where the tables, or the file, go.",
         ),
     ],
     form: Annotated[
-        Literal["csv", "parquet", "mat", "ssp"],
+        Literal["csv", "parquet", "mat", "nc", "ssp"],
         typer.Option(
             "--format",
             "--to",
-            help="mat is MATLAB's; parquet needs the extra `analysis`; ssp is a system of FMUs.",
+            help="mat is MATLAB's; nc is netCDF-4; parquet and nc need the extra `analysis`; ssp "
+            "is a system of FMUs.",
         ),
     ] = "csv",
+    robots: OfRobots = None,
+    joints: OfJoints = None,
+    since: Since = None,
+    until: Until = None,
 ) -> None:
     """Write a recording's samples, states and link events as tables, or its run as a system.
 
     A system (SSP 1.0) has an FMU for each robot and one for the target, for other engines to run,
-    and what they must come to.
+    and what they must come to; it is of the whole run.
     """
-    if form == "ssp":
-        _export_system(recording, output)
-    else:
-        _export_tables(recording, output, form)
-
-
-def _export_tables(recording: Path, output: Path, form: Literal["csv", "parquet", "mat"]) -> None:
-    from nrs_cosim.orchestrator.cli.formats import expect_folder_name
-    from nrs_cosim.orchestrator.cli.output_paths import expect_folder
+    from nrs_cosim.bus.clock import NS_PER_S
     from nrs_cosim.orchestrator.cli.progress import reading
-    from nrs_cosim.recordings.export.formats import export as tables
+    from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
+    from nrs_cosim.recordings.export.selection import Selected
     from nrs_cosim.recordings.mcap.reader import Reader
+    from nrs_cosim.recordings.schemas import about
 
-    expect_folder_name("-o", output)
-    expect_folder(output)
+    asked = {"--robots": robots, "--joints": joints, "--from": since, "--until": until}
+    if form == "ssp":
+        if given := [option for option, value in asked.items() if value is not None]:
+            raise InputError(f"{given[0]}: a system is of the whole run; leave it out")
+        _export_system(recording, output)
+        return
+    write = _netcdf(output) if form == "nc" else _tables(output, form)
     with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
-        written = tables(reader, output, form)
+        reader.expect_ticks("export")
+        run = about(reader).run
+        selection = Selected(
+            None if robots is None else parse_robots(robots, "--robots", run.robots),
+            None if joints is None else parse_robots(joints, "--joints", run.joints, "joint"),
+            *(None if t is None else round(t * NS_PER_S) for t in (since, until)),
+        )
+        written = write(reader, selection)
     for path in written:
         out.print(str(path), markup=False)
     for damage in reader.damage:
         say("yellow", "damage", damage)
+
+
+def _tables(output: Path, form: Literal["csv", "parquet", "mat"]) -> "Write":
+    from nrs_cosim.orchestrator.cli.formats import expect_folder_name
+    from nrs_cosim.orchestrator.cli.output_paths import expect_folder
+    from nrs_cosim.recordings.export.formats import export
+
+    expect_folder_name("-o", output)
+    expect_folder(output)
+    return lambda reader, selection: export(reader, output, form, selection)
+
+
+def _netcdf(output: Path) -> "Write":
+    from nrs_cosim.orchestrator.cli.formats import expect_ending
+    from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable, make_folder
+
+    try:
+        from nrs_cosim.recordings.export.netcdf import write_netcdf
+    except ImportError:
+        raise MissingExtraError("--to nc: needs h5netcdf", "analysis") from None
+    expect_ending("-o", output, ".nc")
+    expect_replaceable(output, "netCDF", b"\x89HDF")
+
+    def write(reader: "Reader", selection: "Selected") -> list[Path]:
+        make_folder(output)
+        write_netcdf(reader, output, selection)
+        return [output]
+
+    return write
 
 
 def _export_system(recording: Path, output: Path) -> None:

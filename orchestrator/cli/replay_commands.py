@@ -175,6 +175,7 @@ def diff(
 
     if picture:
         expect_ending("--picture", picture, ".png")
+        draw = terminal_replay.drawing()
     with (
         reading(err) as follow,
         Reader(a, verify=verifying, watch=follow(a)) as one,
@@ -189,7 +190,7 @@ def diff(
             raise InputError(f"--picture: nothing to draw: {why}")
         expect_replaceable(picture, "PNG picture", b"\x89PNG")
         make_folder(picture)
-        terminal_replay.draw(found, picture)
+        draw(found, picture)
     if as_json:
         print_json(found.as_json())
     else:

@@ -1,6 +1,6 @@
 """What is done with a recording: it is verified, put back on the bus, changed, or drawn apart."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, Queue
@@ -33,15 +33,19 @@ MOST_DRAWN = 24
 """Robots of which distances are drawn."""
 
 
-def draw(found: Comparison, picture: Path) -> None:
+def drawing() -> Callable[[Comparison, Path], None]:
     try:
         from nrs_cosim.recordings.report.print import write_distances  # noqa: PLC0415, needs an extra
     except ImportError:
         raise MissingExtraError("--picture: needs matplotlib", "report") from None
-    try:
-        write_distances(found.apart, picture)
-    except OSError as error:
-        raise UncreatableError(f"{picture}: cannot be written: {error.strerror}") from None
+
+    def draw(found: Comparison, picture: Path) -> None:
+        try:
+            write_distances(found.apart, picture)
+        except OSError as error:
+            raise UncreatableError(f"{picture}: cannot be written: {error.strerror}") from None
+
+    return draw
 
 
 def verify_again(

@@ -11,8 +11,10 @@ from nrs_cosim.bus.text import quoted
 _PART = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?", re.ASCII)
 
 
-def parse_robots(text: str, where: str, most: int | None = None) -> tuple[int, ...]:
-    """Return the robots that a text names, in increasing order.
+def parse_robots(
+    text: str, where: str, most: int | None = None, noun: str = "robot"
+) -> tuple[int, ...]:
+    """Return the robots, or what else `noun` says, that a text names, in increasing order.
 
     `where` is the option or field that gave it, and `most` the number of robots where that is
     known; `InputError` names both, and the part that is wrong.
@@ -22,18 +24,18 @@ def parse_robots(text: str, where: str, most: int | None = None) -> tuple[int, .
         match = _PART.fullmatch(part)
         if match is None:
             raise InputError(
-                f"{where}: expected robots like 1-3,7, got {quoted(part)} in {quoted(text)}"
+                f"{where}: expected {noun}s like 1-3,7, got {quoted(part)} in {quoted(text)}"
             )
         first, last = int(match[1]), int(match[2] or match[1])
         if not 1 <= first <= last:
-            why = "robots count from 1" if first < 1 else f"{first} is more than {last}"
-            raise InputError(f"{where}: expected robots like 1-3,7, got {quoted(part)}: {why}")
+            why = f"{noun}s count from 1" if first < 1 else f"{first} is more than {last}"
+            raise InputError(f"{where}: expected {noun}s like 1-3,7, got {quoted(part)}: {why}")
         if last > (most or 1_000_000):
-            there = f"there are robots 1 to {most}" if most else "at most robot 1000000"
+            there = f"there are {noun}s 1 to {most}" if most else f"at most {noun} 1000000"
             raise InputError(f"{where}: got {quoted(part)} in {quoted(text)}, but {there}")
         again = named.intersection(range(first, last + 1))
         if again:
-            raise InputError(f"{where}: robot {min(again)} is named twice in {quoted(text)}")
+            raise InputError(f"{where}: {noun} {min(again)} is named twice in {quoted(text)}")
         named.update(range(first, last + 1))
     return tuple(sorted(named))
 

@@ -24,9 +24,9 @@ from pydantic_core import to_json
 
 from nrs_cosim.bus.errors import MissingExtraError
 from nrs_cosim.bus.messages import STATE
-from nrs_cosim.recordings.errors import UncreatableError
+from nrs_cosim.recordings.errors import UncreatableError, UnreadableError
+from nrs_cosim.recordings.export.selection import ALL, NOTHING, Selected
 from nrs_cosim.recordings.export.tables import (
-    MessageTable,
     Put,
     TableLayout,
     flat,
@@ -46,8 +46,10 @@ _COLUMNS, _JOINTS = "columns", "joints"
 """What stands beside tables as CSV."""
 
 
-def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
-    """Write the tables into a folder, made if need be; return their paths.
+def export(
+    reader: Reader, folder: Path, form: Format = "csv", selection: Selected = ALL
+) -> list[Path]:
+    """Write the tables of a selection into a folder, made if need be; return their paths.
 
     Parquet needs the extra `analysis`: `MissingExtraError` without it. `UncreatableError` when the
     folder cannot be written, `UnreadableError` as `rows`; then no table is replaced.
@@ -56,7 +58,10 @@ def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
     types = recorded_types(reader)
     expect_joints(reader, types)
     opened = _opener(form, reader)
-    tables = recorded_tables(types)
+    layouts = {
+        table.name: layout(types, table, selection.joints) for table in recorded_tables(types)
+    }
+    tables = [of.table for of in layouts.values()]
     paths = {table.name: folder / f"{table.name}.{form}" for table in tables}
     if form == "csv":
         paths |= {name: folder / f"{name}.csv" for name in (_COLUMNS, _JOINTS)}
@@ -67,23 +72,25 @@ def export(reader: Reader, folder: Path, form: Format = "csv") -> list[Path]:
             with ExitStack() as stack:
                 put: dict[str, Put] = {}
 
-                def open_table(table: MessageTable) -> Put:
-                    of = layout(types, table)
-                    return stack.enter_context(opened(parts[table.name], of))
+                def open_table(name: str) -> Put:
+                    return stack.enter_context(opened(parts[name], layouts[name]))
 
                 # Once there is a row: before, nothing says that there are as many columns.
-                for table, found in rows(reader, tables):
+                between = selection.start_ns, selection.end_ns
+                for table, found in rows(reader, tables, selection.nodes, *between):
                     if table.name not in put:
-                        put[table.name] = open_table(table)
-                    put[table.name](found)
-                for table in tables:
-                    if table.name not in put:
-                        layout(types, table).expect_few_columns(reader.path)
-                        open_table(table)
+                        put[table.name] = open_table(table.name)
+                    put[table.name](layouts[table.name].narrowed(found))
+                if not put:
+                    raise UnreadableError(f"{reader.path}: {NOTHING}")
+                for name, of in layouts.items():
+                    if name not in put:
+                        of.expect_few_columns(reader.path)
+                        open_table(name)
             if form == "csv":
                 run = about(reader).run
-                _write_columns(parts[_COLUMNS], [layout(types, table) for table in tables], run)
-                _write_joints(parts[_JOINTS], run)
+                _write_columns(parts[_COLUMNS], layouts.values(), run)
+                _write_joints(parts[_JOINTS], run, selection)
             return [parts[name].replace(path) for name, path in paths.items()]
         finally:
             for part in parts.values():
@@ -139,13 +146,16 @@ def _write_columns(path: Path, layouts: Iterable[TableLayout], run: RunRecord) -
                 out.writerow([of.table.name, column, note.get("unit"), note.get("joint")])
 
 
-def _write_joints(path: Path, run: RunRecord) -> None:
+def _write_joints(path: Path, run: RunRecord, selection: Selected) -> None:
     """Write what a CSV table has no place for: names and units of each robot's joints."""
+    robots, chosen = selection.robots, selection.joints
     quantities = {name: STATE.fields[name] for name in ("position", "velocity", "effort")}
     with path.open("w", newline="", encoding="utf-8") as file:
         out = csv.writer(file, lineterminator="\n")
         out.writerow(["robot", "joint", "name", *(f"unit_{name}" for name in quantities)])
         for robot, joints in joints_of_each(run).items():
             for number, joint in enumerate(joints, 1):
+                if robot not in (robots or [robot]) or number not in (chosen or [number]):
+                    continue
                 units = (field_unit(name, of, joint.unit) for name, of in quantities.items())
                 out.writerow([robot, number, joint.name, *units])

@@ -57,7 +57,10 @@ def mat_table(path: Path, of: TableLayout, run: RunRecord) -> Iterator[Put]:
     arrays = {name: rows[name] for name in of.dtype.names or ()}
     columns = {name: x if x.ndim > 1 else x[:, np.newaxis] for name, x in arrays.items()}
     known_units = {name: unit for name, unit in units.items() if unit}
-    joints = [[joint.name for joint in all_of] for all_of in joints_of_each(run).values()]
+    joints = [
+        [all_of[number - 1].name for number in of.joints or range(1, len(all_of) + 1)]
+        for all_of in joints_of_each(run).values()
+    ]
     about = {UNITS: known_units, JOINTS: np.array(joints, object)}
     with path.open("wb") as file:
         savemat(file, {**columns, **about}, long_field_names=True)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import BusError
-from nrs_cosim.bus.fields import Shape, column_names
+from nrs_cosim.bus.fields import Shape, indexed_names
 from nrs_cosim.bus.messages import Codec
 from nrs_cosim.bus.topics import Topics
 from nrs_cosim.recordings.errors import UnreadableError
@@ -49,6 +49,8 @@ class TableLayout:
     table: MessageTable
     codec: Codec | None
     """None where the recording has no such messages."""
+    joints: tuple[int, ...] | None = None
+    """The numbers of those that there are; all unless given."""
 
     @property
     def counts(self) -> tuple[str, ...]:
@@ -61,9 +63,23 @@ class TableLayout:
         return (*OPENING, *self.counts)
 
     @property
+    def numbers(self) -> dict[str, list[Sequence[int]]]:
+        """The fields, with the numbers along each axis, from 1."""
+        if self.codec is None:
+            return {}
+        fields = self.codec.kind.fields
+        return {
+            name: [
+                self.joints if self.joints and axis == "m" else range(1, size + 1)
+                for axis, size in zip(fields[name].shape, shape, strict=True)
+            ]
+            for name, shape in self.codec.shapes.items()
+        }
+
+    @property
     def shapes(self) -> dict[str, Shape]:
         """The fields, with their shapes in numbers."""
-        return self.codec.shapes if self.codec else {}
+        return {name: tuple(map(len, axes)) for name, axes in self.numbers.items()}
 
     @property
     def order(self) -> tuple[str, ...]:
@@ -73,8 +89,20 @@ class TableLayout:
     @property
     def columns(self) -> list[str]:
         """The names of the columns where each number has one of its own."""
-        fields = (column_names(name, shape) for name, shape in self.shapes.items())
+        fields = (indexed_names(name, axes) for name, axes in self.numbers.items())
         return [*self.scalars, *(column for field in fields for column in field)]
+
+    def narrowed(self, rows: NDArray[np.void]) -> NDArray[np.void]:
+        """Return rows of all joints with those that there are."""
+        if self.joints is None:
+            return rows
+        found = np.empty(len(rows), self.dtype)
+        for name in rows.dtype.names or ():
+            values = rows[name]
+            for axis, numbers in enumerate(self.numbers.get(name, ()), 1):
+                values = values.take(np.array(numbers, np.intp) - 1, axis=axis)
+            found[name] = values
+        return found
 
     def expect_few_columns(self, path: object) -> None:
         """Raise `UnreadableError` where there are no rows, and no end of columns."""
@@ -120,9 +148,11 @@ def flat(values: NDArray[Any]) -> NDArray[Any]:
     return values.reshape(len(values), prod(values.shape[1:]))
 
 
-def layout(types: RecordedTypes, table: MessageTable) -> TableLayout:
-    """Return what the rows of a table are in a recording of some types."""
-    return TableLayout(table, types.codecs.get(table.kind))
+def layout(
+    types: RecordedTypes, table: MessageTable, joints: tuple[int, ...] | None = None
+) -> TableLayout:
+    """Return what the rows of a table are in a recording of some types, of all joints or some."""
+    return TableLayout(table, types.codecs.get(table.kind), joints)
 
 
 def recorded_tables(types: RecordedTypes) -> list[MessageTable]:
@@ -143,20 +173,27 @@ def rows(
     holds whole ticks. Raises `UnreadableError` when a schema is none of a run's, or a message is
     not of its type, or has a number that is not finite.
     """
-    n, types = robots(reader), recorded_types(reader)
+    types = recorded_types(reader)
+    for messages in reader.columns(topics_of(reader, tables, of), start_ns, end_ns):
+        for table in tables:
+            found = rows_of(reader, types, table, messages, of)
+            if found is not None:
+                yield table, found
+
+
+def topics_of(
+    reader: Reader, tables: Sequence[MessageTable], of: Collection[int] | None = None
+) -> set[str]:
+    """Return the topics of some tables, of all robots or some."""
+    n = robots(reader)
     topics = Topics.among(reader.topics.values(), n)
-    wanted = {
+    return {
         topic
         for table in tables
         for topic in topics.all_of(
             table.kind, [i for i in range(table.first, n + 1) if of is None or i in of]
         )
     }
-    for messages in reader.columns(wanted, start_ns, end_ns):
-        for table in tables:
-            found = rows_of(reader, types, table, messages, of)
-            if found is not None:
-                yield table, found
 
 
 def rows_of(

@@ -23,6 +23,7 @@ from nrs_cosim.bus.keys import node_name
 from nrs_cosim.bus.plurals import count_of
 from nrs_cosim.bus.topics import Topics
 from nrs_cosim.recordings.errors import UnreadableError
+from nrs_cosim.recordings.export.selection import NOTHING
 from nrs_cosim.recordings.export.tables import LINK_EVENTS, SAMPLES, STATES, rows_of
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.reader import Reader
@@ -56,7 +57,7 @@ def convert(
         for messages in reader.columns(made.read, start_ns, end_ns):
             made.put(messages, bag)
         if not bag.counts:
-            raise UnreadableError(f"{reader.path}: has no messages of these robots and times")
+            raise UnreadableError(f"{reader.path}: {NOTHING}")
     return bag.counts.total()
 
 

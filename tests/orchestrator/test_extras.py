@@ -75,6 +75,11 @@ NEEDS = {
         lambda path: command("replay", path, "--foxglove"),
     ),
     "tables to write": ("pyarrow", "recordings.export.parquet", exported),
+    "a netCDF file": (
+        "h5netcdf",
+        "recordings.export.netcdf",
+        lambda path: command("export", path, "--to", "nc", "-o", path.with_suffix(".nc")),
+    ),
     "a table to read": ("pyarrow", "", lambda _path: file_columns(b"PAR1", "a.parquet")),
     "a URDF": ("casadi", "plant_fmu.bundled.rigid_body", lambda _: build_urdf(read_urdf(ARM))),
 }

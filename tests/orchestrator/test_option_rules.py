@@ -113,7 +113,7 @@ def test_an_option_without_its_required_option_exits_2(arguments, message):
         ),
         (
             ("export", "a.mcap", "-o", "a", "--format", "json"),
-            "--format: expected csv, parquet, mat or ssp, got 'json'",
+            "--format: expected csv, parquet, mat, nc or ssp, got 'json'",
         ),
         (
             ("run", "a.toml", "--compression", "it's"),

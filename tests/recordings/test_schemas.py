@@ -107,7 +107,9 @@ def test_every_number_has_its_own_column_with_the_same_bits_in_csv_and_parquet(
         written = export(reader, tmp_path)
         export(reader, tmp_path, "parquet")
     names = ["samples", "states", "agent_states", "measurements", "link_events"]
-    assert [file.name for file in written] == [f"{name}.csv" for name in (*names, "joints")]
+    assert [file.name for file in written] == [
+        f"{name}.csv" for name in (*names, "columns", "joints")
+    ]
     with (tmp_path / "samples.csv").open(newline="") as file:
         header, *rows = csv.reader(file)
     assert header == [
