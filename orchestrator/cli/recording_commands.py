@@ -1,5 +1,6 @@
 """What is done with a recording: `info`, `export`, `recover`, `scene`."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -189,26 +190,30 @@ def scene(
     recording: RecordingPath,
     output: NewRecording,
 ) -> None:
-    """Add the robots whose URDF is known to a copy of a recording, in 3D, for Foxglove."""
-    from nrs_cosim.orchestrator.cli.output_paths import make_folder
+    """Add the robots to a copy of a recording, in 3D, for Foxglove, and a layout beside it."""
+    from nrs_cosim.orchestrator.cli.output_paths import expect_replaceable, make_folder
     from nrs_cosim.orchestrator.cli.progress import reading
+    from nrs_cosim.orchestrator.engine.summary import experiment_of
     from nrs_cosim.recordings.mcap.reader import Reader
-    from nrs_cosim.recordings.robots.placed import placed_robots
-    from nrs_cosim.recordings.schemas import expect_joints, recorded_types
+    from nrs_cosim.recordings.robots.placed import shown_robots
 
     try:
         from nrs_cosim.recordings.export.scene import write_scene
+        from nrs_cosim.recordings.export.scene_layout import scene_layout
     except ImportError:
         raise MissingExtraError("a scene needs foxglove-schemas-protobuf", "scene") from None
+    layout = output.with_suffix(".layout.json")
     with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
         reader.expect_ticks("show")
-        expect_joints(reader, recorded_types(reader))
-        placed = placed_robots(reader)
-        if not placed:
-            raise InputError(f"{recording}: has a URDF of no robot, so their looks are unknown")
+        experiment, shown = experiment_of(reader), shown_robots(reader)
         make_folder(output)
-        write_scene(reader, output, placed)
+        expect_replaceable(layout, "layout", b'{"configById"')
+        write_scene(reader, output, shown, experiment.target_at)
+        reach = max(abs(robot.y) + robot.description.reach for robot in shown) or 20.0
+        events = experiment.impaired or experiment.links is not None
+        made = scene_layout(range(1, experiment.n + 1), reach, events=events)
+        layout.write_text(json.dumps(made) + "\n", "utf-8")
         for damage in reader.damage:
             say("yellow", "damage", damage)
     out.print(str(output), markup=False)
-    say("blue", "scene", "open it in Foxglove: a 3D panel shows /scene and /tf in the frame world")
+    say("blue", "layout", f"{layout}: import it in Foxglove, and it shows all at once")

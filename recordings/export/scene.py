@@ -1,14 +1,18 @@
 """A recording with its robots in 3D, in the well-known types that Foxglove shows unaided.
 
-    /scene    foxglove.SceneUpdate, once: what each link looks like, in a frame of its own
-    /tf       foxglove.FrameTransforms, at each output time: where the frames are
+    /scene          foxglove.SceneUpdate, once: what each link looks like, and whose it is
+    /tf             foxglove.FrameTransforms, at each output time: where the frames are
+    /link_events    foxglove.Log: what links did to samples
+    /errors         nrs.Errors, at each output time: each robot's errors, where the target is known
 
-Robots are drawn by their URDFs, see `robots.placed`; the target, a pale one, moves at the sampling
-times. Neither channel is counted, so the digest stays.
+Robots are drawn by their URDFs, or as points in the space of their first three joints, see
+`robots.placed`. The target, a pale one, moves at the output times too where it is known then, else
+at the sampling times. None of these channels is counted, so the digest stays.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 from os import PathLike
+from typing import Any
 
 import numpy as np
 from foxglove_schemas_protobuf.Color_pb2 import Color
@@ -16,33 +20,82 @@ from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
 from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.Pose_pb2 import Pose
 from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
+from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.descriptor import FileDescriptor
-from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.descriptor_pb2 import (
+    DescriptorProto,
+    FieldDescriptorProto,
+    FileDescriptorProto,
+    FileDescriptorSet,
+)
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
-from nrs_cosim.recordings.export.tables import SAMPLES, STATES, robots, rows_of
+from nrs_cosim.bus.keys import node_name
+from nrs_cosim.recordings.export.tables import (
+    LINK_EVENTS,
+    SAMPLES,
+    STATES,
+    MessageTable,
+    robots,
+    rows_of,
+)
+from nrs_cosim.recordings.link_event_words import described
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.container import Channel, Message, Schema
 from nrs_cosim.recordings.mcap.copy import copy_of, ending
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.measurement import QUANTITIES, TargetAt
 from nrs_cosim.recordings.robots.description import Shape
 from nrs_cosim.recordings.robots.frames import MovingFrames
 from nrs_cosim.recordings.robots.kinematics import quaternion
 from nrs_cosim.recordings.robots.placed import PlacedRobot
 from nrs_cosim.recordings.schemas import about, recorded_types
 
-SCENE, TF = "/scene", "/tf"
+SCENE, TF, EVENTS, ERRORS = "/scene", "/tf", "/link_events", "/errors"
 _NS_PER_S = 10**9
+_ABOVE = 0.2
+"""m: of a label above what it is of."""
 
 
-KINDS = {SCENE: SceneUpdate.DESCRIPTOR, TF: FrameTransforms.DESCRIPTOR}
+_ERRORS = FileDescriptorProto(
+    name="nrs/errors.proto",
+    package="nrs",
+    syntax="proto3",
+    message_type=[
+        DescriptorProto(
+            name="Errors",
+            field=[
+                FieldDescriptorProto(
+                    name=name,
+                    number=number,
+                    type=FieldDescriptorProto.TYPE_DOUBLE,
+                    label=FieldDescriptorProto.LABEL_REPEATED,
+                )
+                for number, name in enumerate(QUANTITIES, 1)
+            ],
+        )
+    ],
+)
+"""A number a robot, in the order of their numbers: the norms that `measurement` has."""
+_POOL = DescriptorPool()
+_POOL.Add(_ERRORS)
+Errors: Any = GetMessageClass(_POOL.FindMessageTypeByName("nrs.Errors"))
+KINDS: dict[str, Any] = {
+    SCENE: SceneUpdate.DESCRIPTOR,
+    TF: FrameTransforms.DESCRIPTOR,
+    EVENTS: Log.DESCRIPTOR,
+    ERRORS: Errors.DESCRIPTOR,
+}
 
 
 class Scene:
@@ -50,12 +103,17 @@ class Scene:
 
     channels = tuple(Channel(topic, kind.full_name, counted=False) for topic, kind in KINDS.items())
 
-    def __init__(self, reader: Reader, placed: Sequence[PlacedRobot]) -> None:
+    def __init__(
+        self, reader: Reader, placed: Sequence[PlacedRobot], target_at: TargetAt | None = None
+    ) -> None:
+        """Show robots; with `target_at`, the target and errors at all output times."""
         self._reader, self._placed, self._types = reader, placed, recorded_types(reader)
         shape = self._types.codecs[SAMPLES.kind].shapes.get("position")
         shows = shape == (about(reader).run.joints,)
-        self._frames = {STATES: MovingFrames(placed[1:], range(1, robots(reader) + 1))}
-        self._frames |= {SAMPLES: MovingFrames(placed[:1], [0])} if shows else {}
+        self._n, self._target_at = robots(reader), target_at
+        self._robots = MovingFrames(placed[1:], range(1, self._n + 1))
+        self._target = MovingFrames(placed[:1], [0])
+        self._sampled = shows and target_at is None
         self.schemas = [Schema(kind.full_name, _described(kind.file)) for kind in KINDS.values()]
 
     def once(self, time_ns: int, k: int) -> list[Message]:
@@ -70,23 +128,65 @@ class Scene:
         ]
 
     def moved(self, columns: Columns) -> Iterator[Message]:
-        """Yield where the frames are by messages of whole ticks."""
-        for table, frames in self._frames.items():
-            found = rows_of(self._reader, self._types, table, columns)
-            if found is None or not frames.names:
-                continue
-            mine = found if table is STATES else found[found["robot"] == 0]
-            for row, at in zip(mine[:: frames.robots], frames.at(mine["position"]), strict=True):
-                time_ns, moved = int(row["time_ns"]), zip(frames.names, at, strict=True)
-                yield time_ns, TF, int(row["k"]), _transforms(time_ns, moved).SerializeToString()
+        """Yield where the frames are by messages of whole ticks, errors, and link events."""
+        if (states := self._rows(STATES, columns)) is not None:
+            yield from _moved(self._robots, states, states["position"])
+            if self._target_at:
+                yield from self._beside_target(states, self._target_at)
+        if self._sampled and (sent := self._rows(SAMPLES, columns)) is not None:
+            targets = sent[sent["robot"] == 0]
+            yield from _moved(self._target, targets, targets["position"])
+        if (events := self._rows(LINK_EVENTS, columns)) is not None:
+            said, which = described(events)
+            for event, (robot, missed, text) in zip(
+                events, (said[at] for at in which), strict=True
+            ):
+                time_ns = int(event["time_ns"])
+                level = Log.WARNING if missed else Log.INFO
+                log = Log(
+                    timestamp=_stamp(time_ns), level=level, name=node_name(robot), message=text
+                )
+                yield time_ns, EVENTS, int(event["k"]), log.SerializeToString()
+
+    def _rows(self, table: MessageTable, columns: Columns) -> NDArray[np.void] | None:
+        return rows_of(self._reader, self._types, table, columns)
+
+    def _beside_target(self, states: NDArray[np.void], target_at: TargetAt) -> Iterator[Message]:
+        """Yield where the target is at the times of states, and how far robots are from it."""
+        position, velocity = target_at(states["t"])
+        yield from _moved(self._target, states[:: self._n], position[:: self._n])
+        norms = [
+            np.linalg.norm(states[of + name] - truth, order, axis=1).reshape(-1, self._n)
+            for of, order in (("reference_", np.inf), ("", 2))
+            for name, truth in (("position", position), ("velocity", velocity))
+        ]
+        for row, *errors in zip(states[:: self._n], *norms, strict=True):
+            message = Errors(**dict(zip(QUANTITIES, errors, strict=True)))
+            yield int(row["time_ns"]), ERRORS, int(row["k"]), message.SerializeToString()
 
 
-def write_scene(reader: Reader, path: str | PathLike[str], placed: Sequence[PlacedRobot]) -> None:
+def _moved(
+    frames: MovingFrames, rows: NDArray[np.void], position: NDArray[np.float64]
+) -> Iterator[Message]:
+    """Yield where frames are at the times of rows, of whole ticks, whose positions are given."""
+    if not frames.names:
+        return
+    for row, at in zip(rows[:: frames.robots], frames.at(position), strict=True):
+        time_ns, moved = int(row["time_ns"]), zip(frames.names, at, strict=True)
+        yield time_ns, TF, int(row["k"]), _transforms(time_ns, moved).SerializeToString()
+
+
+def write_scene(
+    reader: Reader,
+    path: str | PathLike[str],
+    placed: Sequence[PlacedRobot],
+    target_at: TargetAt | None = None,
+) -> None:
     """Write a new recording that also shows robots, the target first.
 
     Raises `UncreatableError` when there is a file already, or none can be made.
     """
-    scene = Scene(reader, placed)
+    scene = Scene(reader, placed, target_at)
     with copy_of(reader, path, {}, scene.channels, scene.schemas) as writer:
         for number, columns in enumerate(reader.columns()):
             once = [] if number else scene.once(int(columns.time[0]), int(columns.sequence[0]))
@@ -123,14 +223,28 @@ def _entities(placed: Sequence[PlacedRobot], time_ns: int) -> list[SceneEntity]:
     entities = []
     for robot in placed:
         colour = Color(**dict(zip("rgba", robot.colour, strict=True)))
-        for link, shapes in robot.description.shapes.items():
+        described = robot.description
+        labelled = described.base if described.reach else described.links[-1]
+        for link, shapes in described.shapes.items():
             frame = robot.frame(link)
             entity = SceneEntity(
                 timestamp=_stamp(time_ns), frame_id=frame, id=frame, frame_locked=True
             )
             _add(entity, shapes, colour)
-            entities += [entity] if shapes else []
+            if link == labelled:
+                entity.texts.append(_label(robot))
+            entities += [entity] if shapes or entity.texts else []
     return entities
+
+
+def _label(robot: PlacedRobot) -> TextPrimitive:
+    """Return a robot's name beside its base, or beside itself where it is a point."""
+    pose = Pose(position=_vector(0.0, 0.0, _ABOVE), orientation=Quaternion(w=1.0))
+    colour = Color(**dict(zip("rgb", robot.colour[:3], strict=True)), a=1.0)
+    name = robot.name.replace("_", " ")
+    return TextPrimitive(
+        pose=pose, billboard=True, font_size=14, scale_invariant=True, color=colour, text=name
+    )
 
 
 def _add(entity: SceneEntity, shapes: Sequence[Shape], colour: Color) -> None:

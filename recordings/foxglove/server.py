@@ -1,7 +1,7 @@
 """A recording on a WebSocket of this machine, by Foxglove's protocol and SDK.
 
     the recording's topics      its own protobuf messages and schemas, none left out
-    /scene, /tf                 the robots in 3D, see `export.scene`, where a URDF is known of one
+    /scene, /tf, /link_events   the robots in 3D, and what links did, see `export.scene`
     package://nrs/robot_3.urdf  assets: the URDF of each robot that has one, as it is drawn
 
 Nothing else can be asked for: no path is ever opened, a URI is one of those or unknown. The SDK
@@ -31,7 +31,7 @@ from nrs_cosim.recordings.export.scene import Scene
 from nrs_cosim.recordings.mcap import container
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.robots.placed import own_urdf, placed_robots
+from nrs_cosim.recordings.robots.placed import own_urdf, placed_robots, shown_robots
 
 HOST = "127.0.0.1"
 BACKLOG = 2**16
@@ -66,14 +66,10 @@ class _Overflow(logging.Handler):
         super().close()
 
 
-def _channels(
-    reader: Reader, scene: Scene | None, context: Context
-) -> Iterator[tuple[str, Channel]]:
+def _channels(reader: Reader, scene: Scene, context: Context) -> Iterator[tuple[str, Channel]]:
     """Yield the channels of a recording and of what is drawn of it, by their topics."""
-    channels, schemas = [*reader.channels], [*reader.schemas]
-    if scene:
-        channels += scene.channels
-        schemas += scene.schemas
+    channels = [*reader.channels, *scene.channels]
+    schemas = [*reader.schemas, *scene.schemas]
     data = {schema.name: schema.data for schema in schemas}
     for channel in channels:
         name = channel.schema_name
@@ -120,7 +116,7 @@ class Server(ServerListener):
         self._time_ns = -1
         placed = placed_robots(reader)
         self._assets = {f"{ASSETS}{robot.name}.urdf": own_urdf(robot).encode() for robot in placed}
-        self._scene = Scene(reader, placed) if placed else None
+        self._scene = Scene(reader, shown_robots(reader))
         self._topics, self._context = reader.topics, Context()  # which is to live as long
         # All before it listens: what a client subscribes to, the SDK must know by then.
         self._channels = dict(_channels(reader, self._scene, self._context))
@@ -155,11 +151,10 @@ class Server(ServerListener):
     def send(self, columns: Columns) -> None:
         """Send messages of whole ticks, and where the robots are by them; it waits for nobody."""
         messages = columns.messages(self._topics)
-        if self._scene:
-            if not self._once:
-                self._once = self._scene.once(*messages[0][::2])
-                self.send_once()
-            messages = sorted([*messages, *self._scene.moved(columns)], key=_time_of)
+        if not self._once:
+            self._once = self._scene.once(*messages[0][::2])
+            self.send_once()
+        messages = sorted([*messages, *self._scene.moved(columns)], key=_time_of)
         for time_ns, topic, _, data in messages:
             if time_ns != self._time_ns:
                 self._time_ns = time_ns

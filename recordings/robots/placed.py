@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from nrs_cosim.bus.keys import node_name
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.metadata import URDFS
-from nrs_cosim.recordings.robots.description import RobotDescription, parse_urdf
+from nrs_cosim.recordings.robots.description import (
+    ZERO,
+    RobotDescription,
+    Shape,
+    TreeJoint,
+    parse_urdf,
+)
 from nrs_cosim.recordings.robots.kinematics import Kinematics
 from nrs_cosim.recordings.schemas import about
 
@@ -107,6 +113,37 @@ def placed_robots(reader: Reader, robots: Collection[int] | None = None) -> list
         PlacedRobot(i, wanted[like], known[wanted[like], names[like]], apart * i)
         for i, like in [(0, first), *((i, i) for i in wanted)]
     ]
+
+
+def shown_robots(reader: Reader) -> list[PlacedRobot]:
+    """Return the target and all robots: by their URDFs, or as points where none is known."""
+    placed, run = placed_robots(reader), about(reader).run
+    known = {robot.number for robot in placed}
+    point = Kinematics.of(*_point(run.joints))
+    numbers = range(1 if placed else 0, run.robots + 1)
+    return [*placed, *(PlacedRobot(i, b"", point, 0.0) for i in numbers if i not in known)]
+
+
+_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def _point(m: int) -> tuple[RobotDescription, list[str]]:
+    """Return a ball whose place is the first three joints', each 1 m a unit, and their names."""
+    names = [f"joint_{at}" for at in range(1, min(m, len(_AXES)) + 1)]
+    links = ["origin", *names[:-1], "point"]
+    joints = tuple(
+        TreeJoint(name, "prismatic", parent, child, ZERO, ZERO, axis)
+        for name, parent, child, axis in zip(names, links, links[1:], _AXES, strict=False)
+    )
+    shapes: dict[str, tuple[Shape, ...]] = {
+        **dict.fromkeys(links, ()),
+        "point": (Shape("sphere", (_BALL,)),),
+    }
+    return RobotDescription("point", "origin", joints, shapes), names
+
+
+_BALL = 0.1
+"""m"""
 
 
 def _content(reader: Reader, name: str) -> bytes:

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.keys import node_name
-from nrs_cosim.bus.plurals import count_of
 from nrs_cosim.bus.topics import Topics
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.export.selection import NOTHING
 from nrs_cosim.recordings.export.tables import LINK_EVENTS, SAMPLES, STATES, rows_of
+from nrs_cosim.recordings.link_event_words import described
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.robots.frames import MovingFrames
@@ -179,37 +179,10 @@ class _JointStates:
         self.row[[*robots]] = np.arange(len(robots))
 
 
-_EVENT = ("robot", "source", "lost", "outage", "delay", "duplicates")
-
-
 def _logged(events: Rows) -> tuple[cdr.Templates, NDArray[np.intp]]:
     """Return what is said of link events, each once, and which is said of each row."""
-    said = np.stack(
-        [
-            events[name] if name in (events.dtype.names or ()) else np.zeros(len(events), "u4")
-            for name in _EVENT
-        ],
-        axis=1,
-    )
-    kinds, which = np.unique(said, axis=0, return_inverse=True)
+    said, which = described(events)
     templates = [
-        cdr.log(WARN if event["lost"] or event["outage"] else INFO, node_name(event["robot"]), text)
-        for row in kinds.tolist()
-        for event in [dict(zip(_EVENT, row, strict=True))]
-        for text in [_in_words(**event)]
+        cdr.log(WARN if missed else INFO, node_name(robot), text) for robot, missed, text in said
     ]
-    return cdr.Templates.of(templates), which.reshape(-1)
-
-
-def _in_words(robot: int, source: int, lost: int, outage: int, delay: int, duplicates: int) -> str:
-    """Say what a link did to a sample."""
-    if robot == source:
-        return "in an outage"
-    met = [
-        *(["lost"] if lost else []),
-        *(["in an outage"] if outage else []),
-        *([f"late by {count_of(delay, 'sampling period')}"] if delay else []),
-        *([f"{count_of(duplicates, 'duplicate')}"] if duplicates else []),
-    ]
-    whose = f"robot {source}" if source else "the target"
-    return f"sample of {whose}: {', '.join(met) or 'altered'}"
+    return cdr.Templates.of(templates), which
