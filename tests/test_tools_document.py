@@ -11,6 +11,7 @@ import pytest
 
 from nrs_cosim.orchestrator.report.foxglove import Foxglove
 from nrs_cosim.recordings import Recording
+from tests.cases import cases
 from tests.command import nrs
 from tests.network.ports import free_port
 
@@ -37,7 +38,7 @@ def folder(tmp_path_factory):
 
 def test_the_bag_is_read_without_ros(folder):
     pytest.importorskip("rosbags.highlevel", reason="needs rosbags, of the extra `test`")
-    (program,) = [block for block in blocks("python") if "rosbags" in block]
+    (program,) = [block for block in blocks("python") if "AnyReader" in block]
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, check=True
     )
@@ -51,42 +52,59 @@ def test_the_bag_is_read_without_ros(folder):
         assert [float(x) for x in numbers.split()] == pytest.approx(state["position"].tolist())
 
 
-def test_eleven_lines_receive_what_is_published(folder):
-    (program,) = [block for block in blocks("python") if "zenoh" in block]
-    assert len([line for line in program.splitlines() if line]) == 11
+def program_with(words, address, own):
+    """Return the program of the page that has some words, with another address."""
+    (found,) = [block for block in blocks("python") if words in block]
+    assert address in found
+    return found.replace(address, own)
+
+
+def first_lines(program, count):
+    """Return the first lines that a program prints, which does not end by itself."""
+    with subprocess.Popen(
+        [sys.executable, "-u", "-c", program], stdout=subprocess.PIPE, text=True
+    ) as running:
+        lines = [running.stdout.readline() for _ in range(count)]
+        running.kill()
+    return lines
+
+
+@pytest.mark.parametrize("ros2", cases([False, True], [False]))
+def test_a_subscriber_receives_what_is_published(folder, ros2):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    program = program.replace("tcp/127.0.0.1:7447", endpoint)
-    publish = ("replay", "run.mcap", "--publish", "--as-fast-as-possible", "--insecure-tcp")
+    words = "0/robot_3/joint_states" if ros2 else "nrs/*/robot_3"
+    program = program_with(words, "tcp/127.0.0.1:7447", endpoint)
+    assert ros2 or len([line for line in program.splitlines() if line]) == 11
+    publish = ["replay", "run.mcap", "--publish", "--as-fast-as-possible", "--insecure-tcp"]
+    publish += ["--ros2"] if ros2 else []
     command = [Path(sys.executable).with_name("nrs"), *publish, "--listen", endpoint]
     with subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True) as publisher:
         assert "waiting for a subscriber" in publisher.stderr.readline()
-        with subprocess.Popen(
-            [sys.executable, "-u", "-c", program], stdout=subprocess.PIPE, text=True
-        ) as subscriber:
-            lines = [subscriber.stdout.readline() for _ in range(3)]
-            subscriber.kill()
+        lines = first_lines(program, 3)
         publisher.kill()
     with Recording(folder / "run.mcap") as recording:
         states = recording.states(3, end=0.06)
     for line, state in zip(lines, states, strict=True):
-        encoding, time, numbers = line.split(" ", 2)
-        assert encoding == "application/protobuf;nrs.State"
-        assert (float(time), ast.literal_eval(numbers)) == (state["t"], state["position"].tolist())
+        if ros2:
+            found = re.fullmatch(r"(\S+) \['q\[1\]', 'q\[2\]'\] \[(.*)\]\n", line)
+            time, numbers = found.groups()
+            assert [float(x) for x in numbers.split()] == pytest.approx(state["position"].tolist())
+        else:
+            encoding, time, numbers = line.split(" ", 2)
+            assert encoding == "application/protobuf;nrs.State"
+            assert ast.literal_eval(numbers) == state["position"].tolist()
+        assert float(time) == state["t"]
 
 
-def test_a_websocket_client_receives_a_replay(folder):
+@pytest.mark.parametrize("topic", cases(["/robot_3/state"], []))
+def test_a_websocket_client_receives_a_replay(folder, topic):
     pytest.importorskip("foxglove", reason="needs foxglove-sdk, of the extra `foxglove`")
     pytest.importorskip("websockets", reason="needs websockets, of the extra `test`")
-    (program,) = [block for block in blocks("python") if "websockets" in block]
     with Foxglove(0) as view, Recording(folder / "run.mcap") as recording:
         states = recording.states(3)
         view.replay(folder / "run.mcap", 0, int(states["time_ns"][-1]), 1e5)
         view.wait_until_served()
-        program = program.replace("ws://127.0.0.1:8765", view.address)
-        with subprocess.Popen(
-            [sys.executable, "-u", "-c", program], stdout=subprocess.PIPE, text=True
-        ) as client:
-            lines = [client.stdout.readline() for _ in range(len(states) + 1)]
-            client.kill()
-    assert lines[0] == "run.mcap\n"
-    assert [int(line.split()[1]) for line in lines[1:]] == states["time_ns"].tolist()
+        program = program_with(topic, "ws://127.0.0.1:8765", view.address)
+        name, *lines = first_lines(program, len(states) + 1)
+    assert name == "run.mcap\n"
+    assert [int(line.split()[1]) for line in lines] == states["time_ns"].tolist()

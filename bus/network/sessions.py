@@ -51,8 +51,12 @@ def expect_room() -> None:
             thread.join()
 
 
-def open_session(endpoints: Endpoints, namespace: str | None = None) -> zenoh.Session:
+def open_session(
+    endpoints: Endpoints, namespace: str | None = None, *, timestamps: bool = False
+) -> zenoh.Session:
     """Open a Zenoh session; with a namespace, that stands before all its keys on the wire.
+
+    With `timestamps` messages say when they were put, which those need that are kept for others.
 
     `InputError` where nothing can be listened on, or certificates are refused; `BusError` where
     what was to be connected to does not answer within `endpoints.wait` s.
@@ -63,6 +67,8 @@ def open_session(endpoints: Endpoints, namespace: str | None = None) -> zenoh.Se
     settings = zenoh_settings(endpoints)
     if namespace is not None:
         settings["namespace"] = namespace
+    if timestamps:
+        settings["timestamping/enabled"] = True
     for path, value in settings.items():
         config.insert_json5(path, json.dumps(value))
     try:

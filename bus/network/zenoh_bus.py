@@ -14,6 +14,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.network.matching import wait_for_match
 from nrs_cosim.bus.network.sessions import open_session
 from nrs_cosim.bus.transport import (
     Answer,
@@ -152,17 +153,7 @@ class ZenohBus:
 
         Return whether that was in time.
         """
-        received: SimpleQueue[zenoh.MatchingStatus] = SimpleQueue()
-        publisher = self._session.declare_publisher(self._prefix + key)
-        listener = publisher.declare_matching_listener(Callback(received.put, indirect=False))
-        self._declared += [publisher, listener]
-        status: Any = publisher.matching_status  # typed as a truth, which it is not
-        if status.matching:
-            return True
-        try:
-            return received.get(timeout=seconds).matching
-        except Empty:
-            return False
+        return wait_for_match(self._session, self._prefix + key, seconds)
 
     def listen(self, *patterns: str, screen: Screen | None = None) -> ZenohInbox:
         """Hear every key that a pattern matches, from now on, in an inbox of its own."""

@@ -6,7 +6,14 @@ from typing import Annotated, Literal
 import typer
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.cli.options import OfRobots, RecordingPath, Since, Until, whole_number
+from nrs_cosim.orchestrator.cli.options import (
+    Epoch,
+    OfRobots,
+    RecordingPath,
+    Since,
+    Until,
+    epoch_ns_of,
+)
 from nrs_cosim.orchestrator.terminal import err, out, say
 
 _BAG = "a bag is a folder; give the folder's name, or FILE.mcap for a file alone"
@@ -34,14 +41,7 @@ def convert(
     robots: OfRobots = None,
     since: Since = None,
     until: Until = None,
-    epoch: Annotated[
-        int,
-        typer.Option(
-            metavar="SECONDS",
-            parser=whole_number("--epoch", 0, 2**31 - 1),
-            help="When t = 0 is, s since 1970; ROS takes a clock at 0 for one that stands.",
-        ),
-    ] = 0,
+    epoch: Epoch = 0,
 ) -> None:
     """Write a recording as other tools have it: joints by their names, arms that move."""
     from nrs_cosim.bus.clock import NS_PER_S
@@ -51,7 +51,6 @@ def convert(
     from nrs_cosim.orchestrator.cli.progress import reading
     from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
     from nrs_cosim.recordings.mcap.reader import Reader
-    from nrs_cosim.recordings.ros2.cdr import LATEST_NS
     from nrs_cosim.recordings.ros2.conversion import convert as converted
     from nrs_cosim.recordings.schemas import about
 
@@ -64,11 +63,7 @@ def convert(
         reader.expect_ticks("convert")
         said = about(reader)
         wanted = None if robots is None else parse_robots(robots, "--robots", said.run.robots)
-        epoch_ns = epoch * NS_PER_S
-        if epoch_ns + (reader.end_ns or 0) >= LATEST_NS:
-            raise InputError(
-                f"--epoch {epoch}: the recording would end after the last stamp of ROS, in 2038"
-            )
+        epoch_ns = epoch_ns_of(epoch, reader)
         start_ns, end_ns = (None if t is None else round(t * NS_PER_S) for t in (since, until))
         converted(
             reader, output, robots=wanted, start_ns=start_ns, end_ns=end_ns, epoch_ns=epoch_ns

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from nrs_cosim.bus.clock import NS_PER_S
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.numerals import decimal, whole
 from nrs_cosim.bus.text import quoted
@@ -14,6 +15,7 @@ from nrs_cosim.orchestrator.cli.formats import expect_ending
 
 if TYPE_CHECKING:
     from nrs_cosim.orchestrator.scenario.changes import Change
+    from nrs_cosim.recordings.mcap.reader import Reader
 
 LONGEST = 2**63 / 1e9
 """s; what the clock can count in ns."""
@@ -271,6 +273,27 @@ Realtime = Annotated[
 ShowLive = Annotated[
     bool, typer.Option("--live", help="Serve a page of the run, on this machine, as it goes on.")
 ]
+Epoch = Annotated[
+    int,
+    typer.Option(
+        metavar="SECONDS",
+        parser=whole_number("--epoch", 0, 2**31 - 1),
+        help="When t = 0 is, s since 1970; ROS takes a clock at 0 for one that stands.",
+    ),
+]
+
+
+def epoch_ns_of(epoch: int, reader: "Reader") -> int:
+    """Return an epoch in ns; `InputError` where a recording has times that ROS has no stamp for."""
+    from nrs_cosim.recordings.ros2.cdr import LATEST_NS  # noqa: PLC0415, it is loaded with NumPy
+
+    if epoch * NS_PER_S + (reader.end_ns or 0) >= LATEST_NS:
+        raise InputError(
+            f"--epoch {epoch}: the recording would end after the last stamp of ROS, in 2038"
+        )
+    return epoch * NS_PER_S
+
+
 ShowFoxglove = Annotated[
     bool,
     typer.Option(

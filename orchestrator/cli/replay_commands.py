@@ -11,6 +11,7 @@ from nrs_cosim.orchestrator.cli.options import (
     AllowFmus,
     Compile,
     Connect,
+    Epoch,
     Force,
     InsecureTcp,
     Listen,
@@ -18,8 +19,10 @@ from nrs_cosim.orchestrator.cli.options import (
     Port,
     RecordingPath,
     ShowFoxglove,
+    epoch_ns_of,
     moment,
     number,
+    whole_number,
 )
 from nrs_cosim.orchestrator.exit_status import DONE, FAILED
 from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
@@ -38,6 +41,8 @@ _STORED = (
         **required_by(["--publish", "--foxglove"], "--speed", "--from", "--to"),
         **required_by(["--publish"], "--as-fast-as-possible"),
         **required_by(["--foxglove"], "--port"),
+        **required_by(["--publish"], "--ros2"),
+        **required_by(["--ros2"], "--domain", "--epoch"),
         **required_by(["--publish"], "--listen", "--connect", "--insecure-tcp", "--wait"),
         **required_by(["--plant", "--algorithm"], "-o", "--force"),
     },
@@ -54,6 +59,21 @@ def replay(
     publishing: Annotated[
         bool, typer.Option("--publish", help="Put its messages back on the bus, for live tools.")
     ] = False,
+    ros2: Annotated[
+        bool,
+        typer.Option(
+            "--ros2",
+            help="With --publish: as nodes of ROS 2 do over rmw_zenoh, what `convert --to ros2` "
+            "writes. Experimental: it was not tried on ROS itself.",
+        ),
+    ] = False,
+    domain: Annotated[
+        int,
+        typer.Option(
+            metavar="N", parser=whole_number("--domain", 0, 232), help="The ROS_DOMAIN_ID."
+        ),
+    ] = 0,
+    epoch: Epoch = 0,
     foxglove: ShowFoxglove = False,
     port: Port = None,
     speed: Annotated[
@@ -140,7 +160,8 @@ def replay(
                 insecure_tcp=insecure_tcp,
             )
             pace = None if unpaced else speed or 1.0
-            terminal_replay.put_back(reader, endpoints, pace, (since, until), wait)
+            as_ros2 = (domain, epoch_ns_of(epoch, reader)) if ros2 else None
+            terminal_replay.put_back(reader, endpoints, pace, (since, until), wait, as_ros2)
         else:
             terminal_replay.what_if(
                 reader, plant or [], algorithm or [], output, force, allow_fmus, compiling

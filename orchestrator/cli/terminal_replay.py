@@ -10,7 +10,6 @@ import typer
 from nrs_cosim.bus.clock import NS_PER_S
 from nrs_cosim.bus.errors import InputError, MissingExtraError
 from nrs_cosim.bus.network.endpoints import Endpoints
-from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.orchestrator.cli.output_paths import expect_another
 from nrs_cosim.orchestrator.cli.progress import reading
 from nrs_cosim.orchestrator.cli.terminal_run import perform
@@ -19,7 +18,7 @@ from nrs_cosim.orchestrator.engine.plants import with_compiled_fmus
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.exit_status import FAILED
 from nrs_cosim.orchestrator.replay.diff import Comparison
-from nrs_cosim.orchestrator.replay.publish import EVERY_KEY, publish
+from nrs_cosim.orchestrator.replay.publish import as_recorded, as_ros2
 from nrs_cosim.orchestrator.replay.verify import Verification, verify
 from nrs_cosim.orchestrator.replay.what_if import changed_run
 from nrs_cosim.orchestrator.report.foxglove import Foxglove
@@ -150,24 +149,26 @@ def put_back(
     speed: float | None,
     between: tuple[float | None, float | None],
     wait: float,
+    ros2: tuple[int, int] | None = None,
 ) -> None:
+    """Put a recording on the bus; as ROS 2 where a domain and an epoch (ns) are given."""
     start_ns, end_ns = _range(reader, between, "publish")
-
-    def ready(bus: ZenohBus) -> None:
-        where = ", ".join(endpoints.listen or endpoints.connect)
-        say("blue", "bus", f"nrs/{bus.run_id}/** at {where}; waiting for a subscriber")
-        if not bus.wait_for_listener(EVERY_KEY, wait):
-            raise InputError(f"--wait: no subscriber to nrs/{bus.run_id}/{EVERY_KEY} in {wait:g} s")
-
     nothing: Queue[None] = Queue()
 
     def pause(seconds: float) -> None:
         with suppress(Empty):
             nothing.get(timeout=seconds)
 
-    count = publish(
-        reader, endpoints, speed=speed, start_ns=start_ns, end_ns=end_ns, ready=ready, wait=pause
-    )
+    if ros2:
+        opened = as_ros2(reader, endpoints, start_ns, end_ns, domain=ros2[0], epoch_ns=ros2[1])
+    else:
+        opened = as_recorded(reader, endpoints, start_ns, end_ns)
+    with opened as publication:
+        where = ", ".join(endpoints.listen or endpoints.connect)
+        say("blue", "bus", f"{publication.pattern} at {where}; waiting for a subscriber")
+        if not publication.wait_for_listener(wait):
+            raise InputError(f"--wait: no subscriber to {publication.pattern} in {wait:g} s")
+        count = publication.publish(speed, pause)
     out.print(f"{count} messages were published")
 
 

@@ -21,7 +21,6 @@ from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.mcap.chunk import encoded_chunk, packed
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.container import MAGIC, MOST_CHANNELS, closing, encoded
-from nrs_cosim.recordings.mcap.ordering import concatenated, order, ranks
 from nrs_cosim.recordings.ros2.definitions import RosType
 
 PROFILE = "ros2"
@@ -66,7 +65,6 @@ class Bag:
         self.start = self.end = 0
         """ns: of the first and the last message."""
         self._file, self._offset, self._crc = file, 0, 0
-        self._rank = ranks({number: topic.name for number, topic in enumerate(topics, 1)})
         self._chunk_indexes: list[bytes] = []
         self._summary: list[mcap.McapRecord] = [
             mcap.Schema(number, one.definition.encode(), "ros2msg", one.name)
@@ -79,13 +77,8 @@ class Bag:
         header = mcap.Header(PROFILE, f"nrs-cosim {version}")
         self._emit(MAGIC + encoded(header, *self._summary))
 
-    def put(self, parts: Sequence[Columns]) -> None:
-        """Write messages, none of which is earlier than one that was put before."""
-        parts = [part for part in parts if len(part.channel)]
-        if not parts:
-            return
-        messages = concatenated(parts)
-        messages = messages.at(order(messages, self._rank))
+    def put(self, messages: Columns) -> None:
+        """Write messages in their order, none of which is earlier than one that was put before."""
         if not self._chunk_indexes:
             self.start = int(messages.time[0])
         self.end = int(messages.time[-1])

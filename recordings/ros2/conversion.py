@@ -12,7 +12,7 @@ Times are the recording's, from an epoch on; a message's stamp is its time in th
 which no URDF is known has joints and no frames, and so has a target of other quantities.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +26,12 @@ from nrs_cosim.recordings.export.selection import NOTHING
 from nrs_cosim.recordings.export.tables import LINK_EVENTS, SAMPLES, STATES, rows_of
 from nrs_cosim.recordings.link_event_words import described
 from nrs_cosim.recordings.mcap.columns import Columns
+from nrs_cosim.recordings.mcap.ordering import concatenated, order, ranks
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.robots.frames import MovingFrames
 from nrs_cosim.recordings.robots.placed import PlacedRobot, own_urdf, placed_robots
 from nrs_cosim.recordings.ros2 import cdr
-from nrs_cosim.recordings.ros2.bag import Bag, Topic, new_bag
+from nrs_cosim.recordings.ros2.bag import Topic, new_bag
 from nrs_cosim.recordings.ros2.definitions import INFO, JOINT_STATE, LOG, STRING, TF, WARN, RosType
 from nrs_cosim.recordings.schemas import about, recorded_types
 
@@ -51,20 +52,23 @@ def convert(
 
     `UncreatableError` is as for `new_bag`, `UnreadableError` as for `placed_robots`.
     """
-    made = _Conversion(reader, sorted(robots or range(1, about(reader).run.robots + 1)), epoch_ns)
+    made = Conversion(reader, robots, epoch_ns)
     version = reader.library.removeprefix("nrs-cosim ")
     with new_bag(output, made.topics, version) as bag:
-        for messages in reader.columns(made.read, start_ns, end_ns):
-            made.put(messages, bag)
+        for messages in made.stretches(start_ns, end_ns):
+            bag.put(messages)
         if not bag.counts:
             raise UnreadableError(f"{reader.path}: {NOTHING}")
     return bag.counts.total()
 
 
-class _Conversion:
-    """What topics there are, and what of a chunk of a recording is put on each."""
+class Conversion:
+    """What topics there are, and what is put on each of a recording: of all robots, or some."""
 
-    def __init__(self, reader: Reader, robots: Sequence[int], epoch_ns: int) -> None:
+    def __init__(
+        self, reader: Reader, robots: Collection[int] | None = None, epoch_ns: int = 0
+    ) -> None:
+        robots = sorted(robots or range(1, about(reader).run.robots + 1))
         self._reader, self._types, self._epoch_ns = reader, recorded_types(reader), epoch_ns
         self.topics: list[Topic] = []
         run, there = about(reader).run, {*reader.topics.values()}
@@ -120,8 +124,21 @@ class _Conversion:
             on = self._add(f"/{robot.name}/robot_description", of=STRING, latched=True)
             self._once.append((on, cdr.Templates.of([cdr.string(own_urdf(robot))]), {}))
 
-    def put(self, messages: Columns, bag: Bag) -> None:
-        """Put what messages of whole ticks become."""
+    def stretches(
+        self, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[Columns]:
+        """Yield messages of start_ns <= time < end_ns, a chunk's in the order of time and topics.
+
+        Channels are topics by their numbers, 1, 2, …
+        """
+        rank = ranks({number: topic.name for number, topic in enumerate(self.topics, 1)})
+        for chunk in self._reader.columns(self.read, start_ns, end_ns):
+            if parts := [part for part in self._parts(chunk) if len(part.channel)]:
+                messages = concatenated(parts)
+                yield messages.at(order(messages, rank))
+
+    def _parts(self, messages: Columns) -> list[Columns]:
+        """Return what messages of whole ticks become."""
         states, targets, events = (
             rows_of(self._reader, self._types, table, messages, of)
             for table, of in ((STATES, self._robots), (SAMPLES, [0]), (LINK_EVENTS, self._robots))
@@ -166,7 +183,7 @@ class _Conversion:
         if events is not None:
             templates, which = _logged(events)
             add(self._log, templates, which, events)
-        bag.put(parts)
+        return parts
 
 
 class _JointStates:

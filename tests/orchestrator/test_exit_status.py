@@ -112,6 +112,8 @@ STATUSES = {
         "replay whole.mcap --algorithm gamma=1",
         "replay whole.mcap --verify --foxglove",
         "replay whole.mcap --foxglove --from 9",
+        "replay whole.mcap --publish --ros2 --domain 233",
+        "replay long.mcap --publish --ros2 --insecure-tcp --epoch 2147483647",
         "diff whole.mcap none.mcap",
         "diff whole.mcap good.toml",
         "report none.mcap -o new.html",

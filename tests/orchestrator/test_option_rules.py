@@ -52,6 +52,9 @@ def with_value(option):
             for option in PLAYING
         ),
         ((*REPLAY, "--publish", "--port", "0"), "--port requires --foxglove"),
+        ((*REPLAY, "--foxglove", "--ros2"), "--ros2 requires --publish"),
+        ((*REPLAY, "--publish", "--domain", "1"), "--domain requires --ros2"),
+        ((*REPLAY, "--publish", "--epoch", "1"), "--epoch requires --ros2"),
         *(
             ((*REPLAY, mode, *with_value(option)), f"{option} requires --plant or --algorithm")
             for mode in ("--verify", "--publish")

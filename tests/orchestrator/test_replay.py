@@ -14,7 +14,7 @@ from nrs_cosim.bus.transport import Message
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.replay.diff import compare
-from nrs_cosim.orchestrator.replay.publish import publish
+from nrs_cosim.orchestrator.replay.publish import as_recorded
 from nrs_cosim.orchestrator.replay.verify import verify
 from nrs_cosim.orchestrator.replay.what_if import parent, run_again
 from nrs_cosim.orchestrator.scenario.changes import Change
@@ -255,17 +255,10 @@ def test_published_messages_arrive_complete_and_paced(tmp_path):
         expected = [message for batch in reader.batches() for message in batch]
 
         def put():
-            outcome.append(
-                publish(
-                    reader,
-                    Endpoints(listen=(endpoint,), insecure_tcp=True),
-                    speed=1e9,
-                    start_ns=200_000_000,
-                    end_ns=800_000_000,
-                    ready=lambda bus: bus.wait_for_listener("robot_1/state", 60.0),
-                    wait=waits.append,
-                )
-            )
+            endpoints = Endpoints(listen=(endpoint,), insecure_tcp=True)
+            with as_recorded(reader, endpoints, 200_000_000, 800_000_000) as publication:
+                assert publication.wait_for_listener(60.0)
+                outcome.append(publication.publish(1e9, waits.append))
 
         thread = threading.Thread(target=put)
         thread.start()
