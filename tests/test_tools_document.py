@@ -96,15 +96,15 @@ def test_a_subscriber_receives_what_is_published(folder, ros2):
         assert float(time) == state["t"]
 
 
-@pytest.mark.parametrize("topic", cases(["/robot_3/state"], []))
-def test_a_websocket_client_receives_a_replay(folder, topic):
+@pytest.mark.parametrize("words", cases(["websockets"], []))
+def test_a_websocket_client_receives_a_replay(folder, words):
     pytest.importorskip("foxglove", reason="needs foxglove-sdk, of the extra `foxglove`")
     pytest.importorskip("websockets", reason="needs websockets, of the extra `test`")
     with Foxglove(0) as view, Recording(folder / "run.mcap") as recording:
         states = recording.states(3)
         view.replay(folder / "run.mcap", 0, int(states["time_ns"][-1]), 1e5)
         view.wait_until_served()
-        program = program_with(topic, "ws://127.0.0.1:8765", view.address)
+        program = program_with(words, "ws://127.0.0.1:8765", view.address)
         name, *lines = first_lines(program, len(states) + 1)
     assert name == "run.mcap\n"
     assert [int(line.split()[1]) for line in lines] == states["time_ns"].tolist()

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from nrs_cosim.bus.clock import NS_PER_S
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.numerals import decimal, whole
 from nrs_cosim.bus.text import quoted
@@ -285,7 +284,8 @@ Epoch = Annotated[
 
 def epoch_ns_of(epoch: int, reader: "Reader") -> int:
     """Return an epoch in ns; `InputError` where a recording has times that ROS has no stamp for."""
-    from nrs_cosim.recordings.ros2.cdr import LATEST_NS  # noqa: PLC0415, it is loaded with NumPy
+    from nrs_cosim.bus.clock import NS_PER_S  # noqa: PLC0415, as the next: NumPy comes with it
+    from nrs_cosim.recordings.ros2.cdr import LATEST_NS  # noqa: PLC0415
 
     if epoch * NS_PER_S + (reader.end_ns or 0) >= LATEST_NS:
         raise InputError(

@@ -5,6 +5,7 @@ At a time that is sought the last messages of each topic before it are sent firs
 """
 
 from collections.abc import Iterator
+from itertools import count
 from threading import Condition, Event, Thread
 from time import monotonic
 
@@ -25,6 +26,8 @@ from nrs_cosim.recordings.schemas import about
 
 _LOOKED_AT = 0.05
 """s: how often, whether somebody listens."""
+_TOLD_AGAIN = 20
+"""After so many looks clients are told how far it is."""
 _STATUSES = {
     Status.PAUSED: PlaybackStatus.Paused,
     Status.PLAYING: PlaybackStatus.Playing,
@@ -68,9 +71,15 @@ class Player:
         """Play until it is over, from when somebody listens."""
         playing = Thread(target=self.play, args=[server])
         playing.start()
-        while not over.wait(_LOOKED_AT):
+        for turn in count(1):
+            if over.wait(_LOOKED_AT):
+                break
             if server.has_listeners:
                 self.begin(server)
+            if turn % _TOLD_AGAIN == 0:
+                # An answer that is under way may come after what is told of later.
+                with self._changed:
+                    server.tell(self._state(monotonic()))
         with self._changed:
             self._stopped = True
             self._changed.notify_all()

@@ -60,6 +60,12 @@ class Client:
         head = struct.pack("<BBfBQI", 3, command, speed, sought, seek_ns or 0, len(request))
         self._socket.send(head + request.encode())
 
+    def answer(self, request):
+        """Wait for the answer to a request, and return it."""
+        found = []
+        self.until(lambda: found.extend(p for p in self.playback if p[-1] == request) or found)
+        return found[0]
+
     def until(self, condition):
         """Take what comes until a condition holds."""
         while not condition():

@@ -67,8 +67,8 @@ class Replay:
         self.playing = Thread(target=self.player.serve, args=[self.server, self.over])
         self.playing.start()
         self.client = client_of(self.server).__enter__()
-        self.client.control(PAUSE, 1.0)
-        self.client.until(lambda: self.client.playback)
+        self.client.control(PAUSE, 1.0, request="wait")
+        self.client.answer("wait")
         topics = {channel.topic for channel in self.reader.channels} | {*DRAWN}
         self.client.until(lambda: self.client.channels.keys() >= topics)
         self.client.subscribe(topics)
@@ -111,8 +111,7 @@ def test_a_client_has_every_message_of_a_replay_and_the_robots_where_they_were(r
         shown = Counter(topic for topic, *_ in client.messages if topic in DRAWN)
         assert shown == {"/scene": 1, "/tf": 1 + drawn(recording)}
         assert client.times == sorted({m[1] for m in client.messages})
-        status, time_ns, _, _, request = client.playback[1]
-        assert (status, time_ns, request) == ("playing", reader.start_ns, "go")
+        assert client.answer("go")[:2] == ("playing", reader.start_ns)
         assert client.playback[-1][:2] == ("ended", reader.end_ns)
 
 
@@ -124,12 +123,10 @@ def test_a_replay_pauses_seeks_and_plays_at_another_speed(recording):
         count = replay.reader.message_count + drawn(recording) + 2
         replay.play("all", lambda found: len(found) >= count)
         client.control(PLAY, FAST, request="nothing is left")
-        client.until(lambda: client.playback[-1][-1] == "nothing is left")
-        assert client.playback[-1][0] == "ended"
+        assert client.answer("nothing is left")[0] == "ended"
         client.messages.clear()
         client.control(PAUSE, 2.0, half, "sought")
-        client.until(lambda: client.playback[-1][-1] == "sought")
-        assert client.playback[-1] == ("paused", half, 2.0, True, "sought")
+        assert client.answer("sought") == ("paused", half, 2.0, True, "sought")
         client.until(
             lambda: {"/robot_1/state", "/target/sample"} <= {m[0] for m in client.messages}
         )
@@ -144,8 +141,7 @@ def test_a_speed_that_is_none_changes_none(recording):
     with Replay(recording) as replay:
         for speed in (0.0, -1.0, float("nan"), float("inf")):
             replay.client.control(PAUSE, speed, request=str(speed))
-            replay.client.until(lambda s=str(speed): replay.client.playback[-1][-1] == s)
-            assert replay.client.playback[-1][2] == 1.0
+            assert replay.client.answer(str(speed))[2] == 1.0
 
 
 def test_assets_are_the_urdfs_of_the_robots_and_nothing_else(recording, tmp_path):
