@@ -203,8 +203,8 @@ def show_study(console: Console, found: Mapping[str, Any]) -> None:
     counts = ", ".join(f"{count} {status}" for status, count in found["statuses"].items())
     rows = {"study": found["folder"], "rows": f"{found['rows']}: {counts or 'none'}"}
     for key, values in found["axes"].items():
-        ends = f", {values[0]} to {values[-1]}" if len(values) > 1 else f", {values[0]}"
-        rows[key] = count_of(len(values), "value") + (ends if values else "")
+        ends = " to ".join(str(value) for value in dict.fromkeys([*values[:1], *values[-1:]]))
+        rows[key] = ", ".join(filter(None, (count_of(len(values), "value"), ends)))
     if len(found["seeds"]) > 1:
         rows["seeds"] = str(len(found["seeds"]))
     for key, changes in found["boundaries"].items():

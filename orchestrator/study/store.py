@@ -54,7 +54,7 @@ class StudyStore:
         """Return what the study is of; `InputError` where the folder holds no study."""
         try:
             found: dict[str, Any] = json.loads((self.folder / "study.json").read_bytes())
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             raise InputError(f"{self.folder}: is no study: it has no study.json") from None
         except (OSError, ValueError) as error:
             raise InputError(f"{self.folder}/study.json: cannot be read: {error}") from None

@@ -73,8 +73,10 @@ def test_a_short_journal_is_no_part(tmp_path):
 
 
 def test_a_folder_without_a_study_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"is no study: it has no study\.json"):
-        StudyStore(tmp_path).definition()
+    (tmp_path / "file.toml").touch()
+    for folder in (tmp_path, tmp_path / "none", tmp_path / "file.toml"):
+        with pytest.raises(InputError, match=r"is no study: it has no study\.json"):
+            StudyStore(folder).definition()
     (tmp_path / "study.json").write_text(json.dumps({"format": 99}), "utf-8")
     with pytest.raises(InputError, match="of no format that this version knows"):
         StudyStore(tmp_path).definition()

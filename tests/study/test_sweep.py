@@ -10,6 +10,7 @@ import pytest
 
 import nrs_cosim as nrs
 from nrs_cosim.orchestrator.cli.output_paths import locked
+from nrs_cosim.orchestrator.cli.terminal_study import show_study, study_summary
 from nrs_cosim.orchestrator.study.axes import axis_of, seeds_of, with_draw
 from nrs_cosim.orchestrator.study.dispatch import AHEAD
 from nrs_cosim.orchestrator.study.engines import local_engine
@@ -19,6 +20,7 @@ from nrs_cosim.orchestrator.study.points import PointReader
 from nrs_cosim.orchestrator.study.rows import QUANTITIES, STATUSES
 from nrs_cosim.orchestrator.study.store import StudyStore
 from nrs_cosim.orchestrator.study.study import sweep_into
+from nrs_cosim.orchestrator.terminal import out
 from tests.command import nrs as command
 from tests.plant_fmu.faulty_fmu import FAULTS, built, three_robots
 from tests.scenarios import PAPER, PAPER_FILE, example, write
@@ -267,6 +269,19 @@ def test_parts_of_a_study_are_merged_into_the_table_of_the_whole(tmp_path):
     assert len(merged) == 6
     assert 0 < len(nrs.Study(tmp_path / "1")) < 6
     assert merged.digest == whole.digest
+
+
+def test_a_part_that_has_no_point_is_a_study_too(tmp_path, capsys):
+    with StudyStore(tmp_path) as store:
+        axes = [axis_of("", "algorithm.alpha=0.5,0.9")]
+        plan = StudyPlan({PAPER: example(PAPER, {"run.duration": 1.0})}, axes, shard=(1, 2**31))
+        sweep_into(store, plan, local_engine(0))
+    found = study_summary(tmp_path)
+    assert (found["rows"], found["axes"]) == (0, {"algorithm.alpha": []})
+    show_study(out, found)
+    assert "algorithm.alpha 0 values\n" in capsys.readouterr().out
+    assert repr(nrs.Study(tmp_path)) == "Study(0 runs: none)"
+    nrs.Study(tmp_path).report(tmp_path / "a.html")
 
 
 def test_an_fmu_that_is_sent_runs_only_where_that_is_allowed(tmp_path, monkeypatch):
