@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.cli.options import ReportFile
 from nrs_cosim.orchestrator.terminal import err, out, say
 
@@ -22,6 +23,13 @@ def report(
         Format | None,
         typer.Option("--format", help="Of a file whose name has no known ending; html by default."),
     ] = None,
+    separate: Annotated[
+        bool,
+        typer.Option(
+            "--separate",
+            help="Each figure in a file of its own, FILE-estimates.png and so on; not of a page.",
+        ),
+    ] = False,
 ) -> None:
     """Draw recordings: an interactive page, or figures for print."""
     from nrs_cosim.orchestrator.cli.formats import format_of
@@ -31,6 +39,8 @@ def report(
     from nrs_cosim.recordings.mcap.reader import Reader
 
     kind = format_of(output, form, tuple(BEGINS))
+    if separate and kind == "html":
+        raise InputError(f"--separate: -o {output} is a page; give a .png, .svg or .pdf")
     with ExitStack() as stack:
         stories, follow = [], stack.enter_context(reading(err))
         for path in recordings:
@@ -41,5 +51,6 @@ def report(
                 say("yellow", "damage", f"{path}: {damage}")
     with stages(err) as begin:
         begin("drawing")
-        write_report(stories, output, kind)
-    out.print(str(output), markup=False)
+        written = write_report(stories, output, kind, separate=separate)
+    for path in written:
+        out.print(str(path), markup=False)

@@ -12,21 +12,36 @@ from nrs_cosim.orchestrator.study.radius_map import RadiusMap
 from nrs_cosim.orchestrator.study.store import StudyStore
 from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.report.data import Story
+from nrs_cosim.recordings.report.figures import groups
 from nrs_cosim.recordings.report.page import page
 
 BEGINS = {"html": b"<!doctype html", "png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
 
 
-def write_report(stories: Sequence[Story], output: Path, kind: str) -> None:
-    """Write recordings in a format; `InputError` where the file cannot be made or replaced."""
+def write_report(
+    stories: Sequence[Story], output: Path, kind: str, *, separate: bool = False
+) -> list[Path]:
+    """Write recordings in a format, and return its files; each figure may have one of its own.
 
-    def write(part: Path) -> None:
-        if kind == "html":
-            part.write_text(page(stories), "utf-8")
-        else:
-            _print(stories, part, kind)
-
-    _write_whole(output, kind, write)
+    `InputError` where a file cannot be made or replaced.
+    """
+    if kind == "html":
+        _write_whole(output, kind, lambda part: part.write_text(page(stories), "utf-8"))
+        return [output]
+    try:
+        from nrs_cosim.recordings.report.print import (  # noqa: PLC0415 (an extra)
+            drawn_of,
+            write_figures,
+        )
+    except ImportError:
+        raise MissingExtraError(f"{kind}: figures need matplotlib", "report") from None
+    drawn, legend, written = drawn_of(stories), groups(stories), []
+    for some in [[figure] for figure in drawn] if separate else [drawn]:
+        name = f"{output.stem}-{some[0].name}{output.suffix}" if separate else output.name
+        one = output.with_name(name)
+        _write_whole(one, kind, partial(write_figures, some, legend, form=kind))
+        written.append(one)
+    return written
 
 
 def write_study(store: StudyStore, output: Path, kind: str) -> None:
@@ -55,7 +70,7 @@ def write_radius_map(made: RadiusMap, output: Path, kind: str) -> None:
     _write_whole(output, kind, write)
 
 
-def _write_whole(output: Path, kind: str, write: Callable[[Path], None]) -> None:
+def _write_whole(output: Path, kind: str, write: Callable[[Path], object]) -> None:
     """Write a file beside where it is to be, and then put it in its place."""
     try:
         expect_replaceable(output, f"report ({kind})", BEGINS[kind])
@@ -65,11 +80,3 @@ def _write_whole(output: Path, kind: str, write: Callable[[Path], None]) -> None
         part.replace(output)
     except OSError as error:
         raise UncreatableError(f"{output}: cannot be written: {error.strerror}") from None
-
-
-def _print(stories: Sequence[Story], path: Path, kind: str) -> None:
-    try:
-        from nrs_cosim.recordings.report.print import write_figures  # noqa: PLC0415 (an extra)
-    except ImportError:
-        raise MissingExtraError(f"{kind}: figures need matplotlib", "report") from None
-    write_figures(stories, path, kind)

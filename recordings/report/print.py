@@ -4,7 +4,7 @@ Only the extra `report` brings matplotlib: whoever imports this module expects a
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.recordings.report.curves import Curve, Figure, Label, Panel, kept
 from nrs_cosim.recordings.report.data import Story
-from nrs_cosim.recordings.report.figures import Group, figures, groups
+from nrs_cosim.recordings.report.figures import Group, figures
 
 INKS = (
     "#1b34f8", "#d97a0e", "#099b97", "#4c038b", "#2696f3", "#a05206", "#743649", "#3168a4",
@@ -58,12 +58,11 @@ _DASHES: Mapping[str, Any] = {
 }
 
 
-def write_figures(stories: Sequence[Story], path: Path, form: str) -> None:
-    """Write all figures of some recordings.
+def write_figures(drawn: Sequence[Figure], legend: Sequence[Group], path: Path, form: str) -> None:
+    """Write figures for print.
 
     `png` and `svg` have them one under another, `pdf` each on its page.
     """
-    drawn, legend = _all(stories), groups(stories)
     if form != "pdf":
         write_picture(drawn, path, legend, form=form, dpi=DPI)
         return
@@ -72,13 +71,8 @@ def write_figures(stories: Sequence[Story], path: Path, form: str) -> None:
             pages.savefig(_sheet([figure], legend))
 
 
-def write_each(stories: Sequence[Story], path_of: Callable[[str], Path], form: str) -> None:
-    """Write each figure into a file of its own, by its name."""
-    for figure in _all(stories):
-        write_picture([figure], path_of(figure.name), groups(stories), form=form, dpi=DPI)
-
-
-def _all(stories: Sequence[Story]) -> list[Figure]:
+def drawn_of(stories: Sequence[Story]) -> list[Figure]:
+    """Return the figures of some recordings, one at least."""
     return figures(stories) or [Figure("nothing", "Nothing was recorded", "", ())]
 
 
@@ -91,10 +85,10 @@ def write_picture(
     dpi: int | None = None,
 ) -> None:
     """Write some figures one under another, up to a time in s or whole; the same bytes again."""
-    nothing = {"png": {"Software": ""}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+    metadata = {"Software": ""} if form == "png" else {"Date": None}
     with mpl.rc_context(STYLE):
         sheet = _sheet(drawn, legend, until)
-        sheet.savefig(path, format=form, metadata=nothing[form], dpi=dpi or "figure")
+        sheet.savefig(path, format=form, metadata=metadata, dpi=dpi or "figure")
 
 
 def _sheet(drawn: Sequence[Figure], legend: Sequence[Group], until: float | None = None) -> Sheet:

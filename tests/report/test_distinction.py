@@ -131,7 +131,9 @@ def test_a_network_of_many_robots_is_a_matrix_with_a_mark_a_link(recorded):
 
 
 def test_links_of_a_network_that_changes_are_shown_by_phase(folder):
-    file = read_scenario(SCENARIOS / "switching.toml")
+    text = (SCENARIOS / "switching.toml").read_text().replace("duration = 30.0", "duration = 3.0")
+    (folder / "switching.toml").write_text(text)
+    file = read_scenario(folder / "switching.toml")
     of = story(run(file, folder / "switching.mcap").path)
     (data,) = page_data([of])["runs"]
     found = re.findall(r'data-nodes="(\d) (\d)" data-phases="([\d ]+)"', data["network"])

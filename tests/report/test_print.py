@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from PIL import Image
 from typer.testing import CliRunner
 
 from docs.figures import draw
@@ -105,3 +106,26 @@ def test_a_pdf_has_a_page_for_each_figure(paper, tmp_path):
 def test_the_documents_figure_is_drawn_by_the_same_code(paper, tmp_path):
     draw(paper, tmp_path / "figure.png")
     assert inked(tmp_path / "figure.png")[0] > 0.02
+
+
+@pytest.mark.parametrize("form", cases(["png", "svg", "pdf"], ["png"]))
+def test_each_figure_has_a_file_of_its_own_on_demand(recorded, tmp_path, form):
+    path = recorded("short", {"run.duration": 1.0})
+    arguments = ["report", str(path), "-o", str(tmp_path / f"f.{form}"), "--separate"]
+    result = nrs.invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    names = [f"f-{name}.{form}" for name in ("estimates", "tracking", "envelopes")]
+    assert sorted(file.name for file in tmp_path.iterdir()) == sorted(names)
+    for name in names:
+        assert (tmp_path / name).read_bytes().startswith(BEGINS[form])
+        if form == "png":
+            with Image.open(tmp_path / name) as picture:
+                assert picture.info["dpi"] == pytest.approx((300, 300), abs=0.1)
+                assert picture.width == 8 * 300
+
+
+def test_figures_of_a_page_are_not_separate(tmp_path):
+    out = tmp_path / "a.html"
+    result = nrs.invoke(app, ["report", "none.mcap", "-o", str(out), "--separate"])
+    assert isinstance(result.exception, InputError)
+    assert "is a page; give a .png, .svg or .pdf" in str(result.exception)
