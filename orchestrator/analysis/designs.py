@@ -65,11 +65,7 @@ def fastest(experiment: Experiment) -> ScenarioDesign:
     algorithm, h = experiment.algorithm, _period(experiment)
     expect_honest(experiment)
     (spectra,) = _spectra(experiment)
-    names = [
-        field.name
-        for field in fields(algorithm)  # type: ignore[arg-type]
-        if field.name in {"alpha", "beta"} and not _is_fixed(field.metadata)
-    ]
+    names = free_gains(algorithm)
     found = linear_jump(algorithm)
     if not names or found is None:
         raise InputError(f"{experiment.name}: the algorithm has no gains alpha and beta to choose")
@@ -294,6 +290,15 @@ def _with_period(experiment: Experiment, h: float) -> dict[str, Any]:
         "run.output_step": None,
         "run.duration": float(f"{ceil(end / h * (1 - 1e-9)) * h:.12g}"),
     }
+
+
+def free_gains(algorithm: Algorithm) -> list[str]:
+    """Return which of alpha and beta an algorithm has that are not declared to have one value."""
+    return [
+        field.name
+        for field in fields(algorithm)  # type: ignore[arg-type]
+        if field.name in {"alpha", "beta"} and not _is_fixed(field.metadata)
+    ]
 
 
 def _is_fixed(metadata: Mapping[Any, Any]) -> bool:

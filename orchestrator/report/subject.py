@@ -13,6 +13,7 @@ from nrs_cosim.orchestrator.analysis.bounds import UltimateBounds, bounds, ultim
 from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import Check, check, finite
 from nrs_cosim.orchestrator.engine.summary import experiment_of
+from nrs_cosim.orchestrator.report.gain_map import gain_map
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.robot_ids import named, with_parameters
 from nrs_cosim.orchestrator.scenario.tables.algorithms import NotInstalled
@@ -74,6 +75,7 @@ def subject_of(
         byzantine=experiment.byzantine,
         bounds=_bounds(ultimate) if ultimate else {},
         settings=_settings(experiment),
+        gains=gain_map(experiment, checked) if checked else None,
     )
 
 

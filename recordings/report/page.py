@@ -27,6 +27,7 @@ from nrs_cosim.recordings.report import network, text
 from nrs_cosim.recordings.report.curves import Band, Curve, Figure, Label, Panel
 from nrs_cosim.recordings.report.data import Story
 from nrs_cosim.recordings.report.figures import figures, groups, groups_of_robots, run_names
+from nrs_cosim.recordings.report.stability import stability
 
 
 class Arrays:
@@ -72,6 +73,7 @@ def page_data(stories: Sequence[Story], *, live: bool = False) -> dict[str, Any]
                 "measured": list(text.measured(story)),
                 "conditions": list(story.subject.conditions),
                 "spectral_radius": story.subject.spectral_radius,
+                "gains": stability(story.subject.gains),
                 "counted": text.counted(story),
                 "particulars": text.particulars(story),
                 "network": network.drawn(story),

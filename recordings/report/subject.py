@@ -4,10 +4,15 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from nrs_cosim.bus.clock import Clock
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.recordings.measurement import TargetAt
+
+Array = NDArray[np.float64]
 
 MIXED, UNKNOWN = "mixed units", "unit not known"
 """Stand where a number or an axis is over joints in unlike units, or in none that an FMU gives."""
@@ -18,6 +23,20 @@ def unit_over(units: Collection[str]) -> str:
     if len(set(units)) > 1:
         return MIXED
     return next(iter(units)) or UNKNOWN
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GainMap:
+    """ρ over both gains of an algorithm."""
+
+    names: tuple[str, str]
+    """Of x and y."""
+    values: tuple[Array, Array]
+    """(x,) and (y,), evenly from 0 on, in the middle of cells."""
+    radius: Array
+    """(y, x); not a number where it is not known."""
+    own: tuple[float, float]
+    """Those of the run."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +73,8 @@ class Subject:
     """The scenario's keys with their values, in words."""
     plants: Sequence[Mapping[str, str]] = ()
     """A row for robots of one FMU and the same parameters, by the columns' names."""
+    gains: GainMap | None = None
+    """None where it is not made."""
 
     @property
     def topology(self) -> Topology:

@@ -191,7 +191,7 @@ function tellTheory(runs) {
       tables.push(table(`${name}steady state`, ["", { text: "measured", number: true }, ...laws.map((text) => ({ text, number: true })), ""],
         run.measured.map((m) => [`${m.norm} (${m.unit})`, number(m.value, 4),
           ...laws.map((law) => (law in m.bounds ? number(m.bounds[law], 4) : "")), mark(m.status)])));
-    return tables;
+    return run.gains ? [...tables, make("figure", { innerHTML: run.gains })] : tables;
   }));
 }
 
