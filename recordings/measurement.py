@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.recordings.export.tables import STATES, robots, rows
+from nrs_cosim.recordings.export.tables import STATES, joints, robots, rows
 from nrs_cosim.recordings.mcap.reader import Reader
 
 Array = NDArray[np.float64]
@@ -43,45 +43,60 @@ QUANTITIES = ("position_estimate", "velocity_estimate", "position_tracking", "ve
 """The fields of `SteadyState` that are measured."""
 
 
-@np.errstate(all="ignore")  # what is not finite is measured as such
+class Meter:
+    """Measures the steady state by states that come in the order of their times, in whole ticks."""
+
+    def __init__(self, target_at: TargetAt, byzantine: Sequence[int], since_ns: int) -> None:
+        """Measure what is from `since_ns` on against a target, of all robots but some."""
+        self._target_at, self._byzantine, self._since = target_at, byzantine, since_ns
+        self._most, self._times, self._size = np.full(4, -np.inf), np.zeros(4, np.int64), 0.0
+
+    @np.errstate(all="ignore")  # what is not finite is measured as such
+    def take(self, states: NDArray[np.void]) -> None:
+        """Take the next states."""
+        kept = (states["time_ns"] >= self._since) & ~np.isin(states["robot"], self._byzantine)
+        part = states[kept]
+        position, velocity = self._target_at(part["time_ns"] / 1e9)
+        self._note(2, part["position"] - position, 2, part["time_ns"])
+        self._note(3, part["velocity"] - velocity, 2, part["time_ns"])
+        then = at_sampling_times(part)
+        sampled, names = part[then], ("reference_position", "reference_velocity")
+        self._note(0, sampled[names[0]] - position[then], np.inf, sampled["time_ns"])
+        self._note(1, sampled[names[1]] - velocity[then], np.inf, sampled["time_ns"])
+        for values in (part["position"], part["velocity"], *(sampled[name] for name in names)):
+            self._size = max(self._size, float(np.abs(values).max(initial=0.0)))
+
+    def _note(self, quantity: int, errors: Array, order: float, time_ns: NDArray[np.int64]) -> None:
+        norms = np.linalg.norm(errors, order, axis=1)
+        if len(norms) and norms.max() > self._most[quantity]:
+            row = int(norms.argmax())
+            self._most[quantity], self._times[quantity] = norms[row], time_ns[row]
+
+    def found(self) -> SteadyState:
+        """Return what was measured so far."""
+        (a, b, c, d) = (value if value >= 0 else None for value in self._most.tolist())
+        (e, f, g, h) = self._times.tolist()
+        return SteadyState(a, b, c, d, (e, f, g, h), self._size)
+
+
 def steady_state(reader: Reader, target_at: TargetAt, byzantine: Sequence[int] = ()) -> SteadyState:
     """Measure the steady state of a recording against its target, of all robots but some."""
     end = reader.end_ns or 0
-    since = end - end // 5
-    most, times, size = np.full(4, -np.inf), np.zeros(4, np.int64), 0.0
-
-    def note(quantity: int, errors: Array, order: float, time_ns: NDArray[np.int64]) -> None:
-        norms = np.linalg.norm(errors, order, axis=1)
-        if len(norms) and norms.max() > most[quantity]:
-            row = int(norms.argmax())
-            most[quantity], times[quantity] = norms[row], time_ns[row]
-
-    for _, table in rows(reader, [STATES], start_ns=since):
-        part = table[~np.isin(table["robot"], byzantine)]
-        position, velocity = target_at(part["t"])
-        note(2, part["position"] - position, 2, part["time_ns"])
-        note(3, part["velocity"] - velocity, 2, part["time_ns"])
-        then = at_sampling_times(part)
-        sampled, names = part[then], ("reference_position", "reference_velocity")
-        note(0, sampled[names[0]] - position[then], np.inf, sampled["time_ns"])
-        note(1, sampled[names[1]] - velocity[then], np.inf, sampled["time_ns"])
-        for values in (part["position"], part["velocity"], *(sampled[name] for name in names)):
-            size = max(size, float(np.abs(values).max(initial=0.0)))
-    (a, b, c, d) = (value if value >= 0 else None for value in most.tolist())
-    (e, f, g, h) = times.tolist()
-    return SteadyState(a, b, c, d, (e, f, g, h), size)
+    meter = Meter(target_at, byzantine, end - end // 5)
+    for _, states in rows(reader, [STATES], start_ns=end - end // 5):
+        meter.take(states)
+    return meter.found()
 
 
 def saturation(reader: Reader, limits: Mapping[int, Array]) -> dict[int, Array]:
     """Return in which part of its states each robot's effort is at its limits (m,), by joint."""
-    found = {robot: np.zeros(len(limit)) for robot, limit in limits.items()}
-    count = dict.fromkeys(limits, 0)
-    for _, table in rows(reader, [STATES]):
-        for robot, limit in limits.items():
-            effort = table["effort"][table["robot"] == robot]
-            found[robot] += (np.abs(effort) >= limit).sum(axis=0)
-            count[robot] += len(effort)
-    return {robot: at / max(count[robot], 1) for robot, at in found.items()}
+    every = np.full((robots(reader) + 1, joints(reader)), np.nan)
+    every[[*limits]] = np.array([*limits.values()])
+    at, count = np.zeros_like(every), np.zeros(len(every))
+    for _, table in rows(reader, [STATES], limits):
+        np.add.at(at, table["robot"], np.abs(table["effort"]) >= every[table["robot"]])
+        np.add.at(count, table["robot"], 1)
+    return {robot: at[robot] / max(count[robot], 1) for robot in limits}
 
 
 def errors_by_tick(

@@ -36,6 +36,8 @@ VERSIONS = "nrs.versions"
 SPENT, REJECTED, CAUSE, SAMPLES = "spent", "rejected", "cause", "samples"
 """What is said at the end, as JSON: where wall time went, what was rejected, and what ended the
 run early."""
+MEASURED = "measured"
+"""Is said at the end of a run that came to it, as JSON: the steady state that was measured."""
 PARENT = "nrs.parent"
 """The metadata record of a recording that came from another by a change."""
 SCENARIO = "scenario.toml"
@@ -129,6 +131,21 @@ class UrdfRecords(RootModel[dict[str, Json[tuple[int, ...]]]]):
     """`nrs.urdfs`."""
 
 
+_Measured = Annotated[FiniteFloat, Field(ge=0)]
+_Moment = Annotated[int, Field(ge=0)]
+
+
+class MeasuredRecord(_Record):
+    """What was measured of the last fifth; see `recordings.measurement.SteadyState`."""
+
+    position_estimate: _Measured | None
+    velocity_estimate: _Measured | None
+    position_tracking: _Measured | None
+    velocity_tracking: _Measured | None
+    times_ns: tuple[_Moment, _Moment, _Moment, _Moment]
+    size: _Measured
+
+
 class EndRecord(_Record):
     """`nrs.end`."""
 
@@ -143,6 +160,7 @@ class EndRecord(_Record):
     part_of: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] | None = None
     """Of what was recovered: the digest of all of the run, empty if unknown."""
     rejected: Json[dict[str, Annotated[int, Field(ge=0)]]] | None = None
+    measured: Json[MeasuredRecord] | None = None
     samples: Annotated[Whole, Field(ge=0)] | None = None
     """How many of the messages are samples of robots."""
 

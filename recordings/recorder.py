@@ -7,7 +7,7 @@ by its reason and passed over; what is said twice is kept once.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from os import PathLike
@@ -62,8 +62,17 @@ class Recorder:
     does that was restored.
     """
 
-    def __init__(self, writer: TickWriter, wire: Wire, n: int, keep: int) -> None:
+    def __init__(
+        self,
+        writer: TickWriter,
+        wire: Wire,
+        n: int,
+        keep: int,
+        take_states: Callable[[Sequence[Records]], None] = lambda _states: None,
+    ) -> None:
         """Write what n robots say over a wire; the samples of `keep` closed ticks stay at hand.
+
+        `take_states` is given the states of each tick, or of some, that is written.
 
         A batch with a message on a topic that has no channel is refused.
         """
@@ -79,6 +88,7 @@ class Recorder:
         self.checkpoints: dict[int, tuple[int, bytes]] = {}
         """Of each robot the last that is recorded: its tick and its message."""
         self._writer, self._wire, self._keep = writer, wire, keep
+        self._take_states = take_states
         self._open: defaultdict[int, _Open] = defaultdict(_Open)
         self._block: TickBlock | None = None
         """Ticks that are not closed yet."""
@@ -164,6 +174,7 @@ class Recorder:
             messages = [self._checkpoint(message) for message in checkpoints]
             parts.append(columns_of(messages, self._writer.numbers))
         self._put(k, parts, list(tick.samples.values()), checkpoints)
+        self._take_states([of_worker.states for of_worker in tick.ticks.values()])
 
     def _close_block(self, block: TickBlock) -> None:
         parts = [
@@ -171,6 +182,7 @@ class Recorder:
             _columns(self._states_on, block.states),
         ]
         self._writer.put(parts)
+        self._take_states([block.states])
         self.messages += len(block.samples) + len(block.states)
         self.sent += int(np.count_nonzero(block.samples["robot"]))
         self.closed, self._block = block.last, None
@@ -186,6 +198,7 @@ class Recorder:
         samples = self._wire.samples.decode(by_kind["sample"])
         part = columns_of(batch, self._writer.numbers)
         self._put(k, [part], [samples], by_kind["checkpoint"])
+        self._take_states([self._wire.states.decode(by_kind["state"])])
 
     def samples(self, since: int, until: int) -> Iterator[tuple[int, Records, str]]:
         """Yield the samples of the ticks since … until that are known: k, records, worker.

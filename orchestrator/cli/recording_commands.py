@@ -25,17 +25,35 @@ if TYPE_CHECKING:
     Write = Callable[[Reader, Selected], list[Path]]
 
 
-def info(recording: RecordingPath, as_json: AsJson = False) -> None:
-    """Summarise a recording, also one that was cut or never closed."""
+def info(
+    recording: RecordingPath,
+    as_json: AsJson = False,
+    verifying: Annotated[
+        bool,
+        typer.Option(
+            "--verify",
+            help="Compute digest and errors from the messages; do not take them as stored.",
+        ),
+    ] = False,
+) -> None:
+    """Summarise a recording, also one that was cut or never closed.
+
+    What a run stored at its end is taken where every checksum of the file agrees.
+    """
     from nrs_cosim.orchestrator.analysis.results import Result
     from nrs_cosim.orchestrator.cli import summary_text
     from nrs_cosim.orchestrator.cli.progress import reading
     from nrs_cosim.orchestrator.cli.tables import grid
-    from nrs_cosim.orchestrator.engine.summary import experiment_of
+    from nrs_cosim.orchestrator.engine.summary import experiment_of, wrong_measurement
     from nrs_cosim.recordings.mcap.reader import Reader
 
-    with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
+    with (
+        reading(err) as follow,
+        Reader(recording, verify=verifying, watch=follow(recording)) as reader,
+    ):
         result = Result.of(reader, experiment_of(reader))
+        if wrong := wrong_measurement(reader, result.measured):
+            reader.damage.append(wrong)
     if as_json:
         print_json(result.as_json())
         return

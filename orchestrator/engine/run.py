@@ -27,6 +27,7 @@ from nrs_cosim.orchestrator.engine.attachments import (
     urdfs_of,
 )
 from nrs_cosim.orchestrator.engine.in_process import InProcess, in_process
+from nrs_cosim.orchestrator.engine.last_fifth import LastFifth
 from nrs_cosim.orchestrator.engine.lockstep import Launcher, Lockstep, TargetNode, window
 from nrs_cosim.orchestrator.engine.native.arranging import load_arranging
 from nrs_cosim.orchestrator.engine.pace import NO_PACE, Pace
@@ -143,7 +144,8 @@ def run(
                 arranging=load_arranging(),
             )
         )
-        recorder = Recorder(writer, wire, n, every + 2 * AT_ONCE)
+        fifth = LastFifth(experiment)
+        recorder = Recorder(writer, wire, n, every + 2 * AT_ONCE, fifth.take)
         of_tick = wire.samples.size + wire.states.size * len(clock.outputs(1))
         of_tick += sum(codec.size for codec in wire.of_agents.values())
         lockstep = Lockstep(
@@ -187,6 +189,7 @@ def run(
             SPENT: json.dumps(profile.as_json()),
             REJECTED: json.dumps(rejected),
             SAMPLES: str(recorder.sent),
+            **(fifth.said() if status == "completed" else {}),
         }
         if cause:
             extra[CAUSE] = json.dumps(asdict(cause))

@@ -20,7 +20,7 @@ from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.container import END
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState, saturation, steady_state
-from nrs_cosim.recordings.metadata import ASSETS, RUN, SCENARIO
+from nrs_cosim.recordings.metadata import ASSETS, MEASURED, RUN, SCENARIO
 from nrs_cosim.recordings.schemas import about as about_run
 from nrs_cosim.recordings.schemas import expect_joints, recorded_types
 
@@ -56,6 +56,7 @@ def describe(reader: Reader, experiment: Experiment) -> dict[str, Any]:
             field: asset.model_dump(include={"name", "sha256", "source_sha256"})
             for field, asset in about.assets.items()
         },
+        "measured": "stored" if stored_measurement(reader, experiment) else "from messages",
         "saturation": _saturation(reader, experiment),
         "versions": dict(about.versions),
         "damage": reader.damage,
@@ -232,5 +233,31 @@ def told_of(experiment: Experiment) -> dict[str, int]:
 
 
 def measure(reader: Reader, experiment: Experiment) -> SteadyState:
-    """Return the steady-state errors of a recording, of its honest robots against its target."""
+    """Return the steady-state errors of a recording, of its honest robots against its target.
+
+    Those that its run has stored are taken where the checksums vouch for the file.
+    """
+    if stored := stored_measurement(reader, experiment):
+        return stored
     return steady_state(reader, experiment.target_at, experiment.byzantine)
+
+
+def stored_measurement(reader: Reader, experiment: Experiment) -> SteadyState | None:
+    """Return what a run measured of itself; None where it is not known, or is to be computed."""
+    found = reader.ending.measured if reader.ending and not reader.computed else None
+    if found is None or experiment.text != about_run(reader).scenario:
+        return None
+    if max(found.times_ns) > (reader.end_ns or 0):
+        raise UnreadableError(
+            f"{reader.path}: {END}: {MEASURED}: times_ns: expected none after the last message, at "
+            f"{reader.end_ns} ns, got {max(found.times_ns)}"
+        )
+    return SteadyState(**{name: getattr(found, name) for name in type(found).model_fields})
+
+
+def wrong_measurement(reader: Reader, measured: SteadyState) -> str:
+    """Say that what was stored of a whole run is not what its messages give, where it is not."""
+    stored = reader.ending.measured if reader.ending and reader.computed and reader.digest else None
+    if stored is None or stored.model_dump() == asdict(measured):
+        return ""
+    return f"{END}: {MEASURED}: is not what the messages give"

@@ -49,6 +49,7 @@ FIELDS = {
         "spent",
         "rejected",
         "part_of",
+        "measured",
     ],
 }
 PLANT = ["fmu", "name", "fmi_version", "kind", "drive", "why", "sha256", "robots"]
@@ -75,7 +76,9 @@ class Sealed:
             }
             if scenario is not None:
                 writer_of["attachments"] = scenario(writer_of["attachments"])
-            extra = {name: reader.end[name] for name in ("spent", "rejected", "samples")}
+            extra = {
+                name: reader.end[name] for name in ("spent", "rejected", "samples", "measured")
+            }
             changed = ending or (lambda fields: fields)
 
             def other(*, fields, **transient):
