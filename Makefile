@@ -6,7 +6,7 @@ DATA := recordings/data
 # A command takes a third longer where Python compiles the package each time; tests start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs tutorials gallery demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-commands benchmark-command performance digests benchmark-peers verify-elsewhere benchmark-studies soak release urdfs figures rerun-picture reference paper lint lock clean
+.PHONY: docs tutorials gallery demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-scale benchmark-commands benchmark-command performance digests benchmark-peers verify-elsewhere benchmark-studies soak release urdfs figures rerun-picture reference paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap --force
@@ -41,6 +41,9 @@ benchmark-parts: .venv/.installed  ## FMUs in a process of their own; recordings
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[benchmark]'
 	$(BIN)/python -m benchmarks.isolation
 	$(BIN)/python -m benchmarks.recordings
+
+benchmark-scale: .venv/.installed  ## what a robot-interval costs of 1,000 to 100,000 robots: time, memory, bytes
+	$(BIN)/python -m benchmarks.scale $(ARGS)
 
 benchmark-commands: .venv/.installed  ## time and memory that commands take of a recording of four million messages
 	$(BIN)/python -m benchmarks.commands $(ARGS)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from nrs_cosim.plant_fmu.bundled.rotations import cross_matrix, length, multiplied
 from nrs_cosim.plant_fmu.bundled.urdf_robot import Array, Link, UrdfJoint
 
 _ROUNDED = 1e-15
@@ -36,11 +37,11 @@ def bodies(links: Mapping[str, Link], order: Sequence[UrdfJoint]) -> list[RigidB
     found: list[RigidBody] = []
     for joint in order:
         below, R, p = at.get(joint.parent, (-1, np.eye(3), np.zeros(3)))
-        p = p + R @ joint.origin.xyz
-        R = R @ joint.origin.rotation
+        p = p + multiplied(R, np.array(joint.origin.xyz))
+        R = multiplied(R, joint.origin.rotation)
         if joint.kind != "fixed":
             upright = _upright(np.array(joint.axis))
-            found.append(RigidBody(joint, below, _whole(R @ upright), _without_rounding(p)))
+            found.append(RigidBody(joint, below, _whole(multiplied(R, upright)), _without_rounding(p)))
             below, R, p = len(found) - 1, upright.T, np.zeros(3)
         at[joint.child] = below, R, p
         if below >= 0:
@@ -51,21 +52,14 @@ def bodies(links: Mapping[str, Link], order: Sequence[UrdfJoint]) -> list[RigidB
     return found
 
 
-def cross_matrix(v: Array) -> Array:
-    """Return [v]×, (3, 3), with [v]× w = v × w."""
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
 def _add(body: RigidBody, link: Link, R: Array, p: Array) -> None:
     inertial = link.inertial
-    centre, turned = p + R @ inertial.origin.xyz, R @ inertial.origin.rotation
+    centre = p + multiplied(R, np.array(inertial.origin.xyz))
+    turned, across = multiplied(R, inertial.origin.rotation), cross_matrix(centre)
     body.mass += inertial.mass
     body.moment = body.moment + inertial.mass * centre
-    about = turned @ np.array(inertial.inertia) @ turned.T
-    body.inertia = (
-        body.inertia + about - inertial.mass * cross_matrix(centre) @ cross_matrix(centre)
-    )
+    about = multiplied(multiplied(turned, np.array(inertial.inertia)), turned.T)
+    body.inertia = body.inertia + about - inertial.mass * multiplied(across, across)
 
 
 def _upright(axis: Array) -> Array:
@@ -75,7 +69,7 @@ def _upright(axis: Array) -> Array:
         turned = np.roll(np.eye(3), 2 - k, axis=1)
         return turned if axis[k] > 0 else turned * [1.0, -1.0, -1.0]
     x = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-    x /= np.linalg.norm(x)
+    x /= length(x)
     return np.column_stack([x, np.cross(axis, x), axis])
 
 

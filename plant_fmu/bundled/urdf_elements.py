@@ -12,6 +12,7 @@ import numpy as np
 
 from nrs_cosim.bus.numerals import decimal
 from nrs_cosim.bus.text import quoted
+from nrs_cosim.plant_fmu.bundled.rotations import length
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
 from nrs_cosim.plant_fmu.bundled.urdf_robot import (
     BOUNDLESS,
@@ -211,5 +212,5 @@ def _axis(element: Element, read: _Reading, warnings: Remarks) -> Three:
         read.fault("<axis> xyz: expected a direction, got 0 0 0")
         return _DEFAULT_AXIS
     direction /= np.abs(direction).max()  # no square of it is too large or too small
-    x, y, z = map(float, direction / np.linalg.norm(direction))
+    x, y, z = map(float, direction / length(direction))
     return x, y, z

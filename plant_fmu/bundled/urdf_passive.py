@@ -3,7 +3,8 @@
 Friction f that changes its sign over a speed v is damping f/v about rest, whose rates are the
 eigenvalues of M⁻¹ Gᵀ diag(f/v) G. A stop's stiffness k is such that its joint, all others free,
 swings on it with a given frequency at most: k (G M⁻¹ Gᵀ)_jj ≤ (2π frequency)². Both M are looked at
-in postures drawn at random. The forces are in `rigid_body`.
+in postures drawn at random. Of k twelve digits are taken, which what libraries round differently
+seldom reaches. The forces are in `rigid_body`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -57,5 +58,6 @@ def with_passive_forces(
         if ends[0] == ends[1] or (np.isinf(ends).all() and joint.kind != "continuous"):
             warnings.add("has no limits that differ, and so no stops", "joint", joint.name)
         elif np.isfinite(ends).any() and ease > 0.0:
-            stiffness[joint.name] = float((2 * np.pi * chosen.stop_frequency) ** 2 / ease)
+            own = (2 * np.pi * chosen.stop_frequency) ** 2 / ease
+            stiffness[joint.name] = float(f"{own:.12g}")
     return tuple(replace(joint, stop=stiffness.get(joint.name, 0.0)) for joint in joints)

@@ -1,12 +1,12 @@
 """A robot as its URDF describes it: links, joints, and the tree that they form, its base fixed."""
 
 from dataclasses import dataclass, field
-from math import atan2, cos, sin
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+
+from nrs_cosim.plant_fmu.bundled.rotations import multiplied, rotation, rotation_of, rpy_of
 
 Array = NDArray[np.float64]
 Three = tuple[float, float, float]
@@ -29,21 +29,11 @@ class Pose:
     @property
     def rotation(self) -> Array:
         """R = Rz(yaw) Ry(pitch) Rx(roll), (3, 3)."""
-        matrix: Array = Rotation.from_euler("xyz", self.rpy).as_matrix()
-        return matrix
+        return rotation_of(self.rpy)
 
     def turned(self, about: Array) -> "Pose":
-        """Return the frame after a rotation by a vector (3,), rad, in its own axes.
-
-        The yaw is found first, and the others beside it, so that all three are right together
-        where a pitch of a quarter turn leaves one of them open.
-        """
-        R = self.rotation @ Rotation.from_rotvec(about).as_matrix()
-        yaw = atan2(R[1, 0], R[0, 0])
-        c, s = cos(yaw), sin(yaw)
-        pitch = atan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
-        roll = atan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
-        return Pose(self.xyz, (roll, pitch, yaw))
+        """Return the frame after a rotation by a vector (3,), rad, in its own axes."""
+        return Pose(self.xyz, rpy_of(multiplied(self.rotation, rotation(about))))
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ import numpy as np
 
 from nrs_cosim.bus.plurals import plural
 from nrs_cosim.bus.text import nearest, quoted
+from nrs_cosim.plant_fmu.bundled.rotations import multiplied
 from nrs_cosim.plant_fmu.bundled.urdf_remarks import Remarks
 from nrs_cosim.plant_fmu.bundled.urdf_robot import Link, UrdfJoint
 
@@ -155,7 +156,7 @@ def _hold(joint: UrdfJoint, value: float) -> UrdfJoint:
     """Return a joint as a fixed one at some value, rad or m."""
     origin, along = joint.origin, value * np.array(joint.axis)
     if joint.kind == "prismatic":
-        x, y, z = map(float, origin.xyz + origin.rotation @ along)
+        x, y, z = map(float, origin.xyz + multiplied(origin.rotation, along))
         origin = replace(origin, xyz=(x, y, z))
     elif along.any():
         origin = origin.turned(along)
