@@ -41,7 +41,9 @@ def bodies(links: Mapping[str, Link], order: Sequence[UrdfJoint]) -> list[RigidB
         R = multiplied(R, joint.origin.rotation)
         if joint.kind != "fixed":
             upright = _upright(np.array(joint.axis))
-            found.append(RigidBody(joint, below, _whole(multiplied(R, upright)), _without_rounding(p)))
+            found.append(
+                RigidBody(joint, below, _whole(multiplied(R, upright)), _without_rounding(p))
+            )
             below, R, p = len(found) - 1, upright.T, np.zeros(3)
         at[joint.child] = below, R, p
         if below >= 0:
