@@ -30,6 +30,7 @@ from benchmarks.measured import apart, recorded_file
 from benchmarks.peers.fmpy_loop import run as looped
 from benchmarks.peers.work import AMPLITUDE, FREQUENCIES, KD, KP, REFERENCE, Work, start
 from benchmarks.table import compared, keep, machine, text
+from benchmarks.throughput import TICKS
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.plant_fmu.bundled.builder import build
@@ -44,7 +45,6 @@ PEERS: Mapping[str, Sequence[str]] = {
     "helics_federates": ["helics"],
 }
 """Modules beside this one, and what they need."""
-TICKS = 500
 CHAIN = (6, 20)
 """Robots and ticks."""
 WAYS = ("Jacobi", "Jacobi, first late", "Gauss-Seidel")
@@ -228,7 +228,7 @@ def main() -> None:
     rows, fmu = [], str(build("two_link_arm", 2))
     with TemporaryDirectory(prefix="nrs-") as folder:
         for n in given.robots:
-            work = Work(fmu, n, TICKS, chain=False)
+            work = Work(fmu, n, TICKS.get(n, 500), chain=False)
             found = rounds_of(work, python, names, given.rounds, Path(folder))
             rows += [row(name, work, found, {OURS: found[OURS][0]["end"]}) for name in found]
         work = Work(fmu, *CHAIN, chain=True)
