@@ -6,7 +6,7 @@ DATA := recordings/data
 # A command takes a third longer where Python compiles the package each time; tests start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs tutorials gallery demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-scale benchmark-commands benchmark-command performance digests benchmark-peers verify-elsewhere benchmark-studies soak release urdfs figures rerun-picture reference paper lint lock clean
+.PHONY: docs tutorials gallery demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-scale benchmark-commands benchmark-command performance digests benchmark-peers verify-elsewhere benchmark-studies soak release urdfs figures viewers rerun-picture reference paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap --force
@@ -93,6 +93,11 @@ gallery: .venv/.tested  ## run every scenario and draw it into docs/gallery
 
 tutorials: .venv/.tested  ## run the tutorials and write what they show, with their pictures
 	$(BIN)/python -m docs.pages README.md docs/results.md docs/studies.md docs/tutorials/*.md
+
+viewers: .venv/.tested  ## other tools' readers of recordings, with those too large for make test: Rerun, npm's @mcap/core
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[viewers]'
+	if command -v npm; then npm install --silent --no-audit --no-fund --prefix $(DATA)/npm @mcap/core@2.2.2 fzstd@0.1.1; fi
+	NODE_PATH=$(CURDIR)/$(DATA)/npm/node_modules $(BIN)/pytest -rs tests/recordings/test_viewers.py tests/recordings/test_ros2.py tests/recordings/test_foxglove.py tests/test_tools_document.py
 
 rerun-picture: .venv/.tested  ## what Rerun shows of the paper's example, through Chromium
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[viewers]'

@@ -1,7 +1,10 @@
 """A recording of the paper's example opens elsewhere, with our counts and our numbers."""
 
 import hashlib
-from collections import Counter
+import json
+import shutil
+import subprocess
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +24,7 @@ from nrs_cosim.recordings.export.scene import write_scene
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.metadata import URDFS
 from nrs_cosim.recordings.robots.placed import placed_robots
+from tests.guard import GUARD
 from tests.orchestrator.test_assets import again
 from tests.recordings.made_up_runs import recorded
 from tests.recordings.transforms import matrix
@@ -74,6 +78,28 @@ def test_rerun_loads_every_message(example: Path) -> None:
             reader(example).info().message_count == describe(ours, experiment_of(ours))["messages"]
         )
     assert {path: rows[path] for path in expected} == dict(expected)
+
+
+def test_foxgloves_reader_in_node_reads_every_message(example: Path) -> None:
+    """`make viewers` has its packages; they are looked for as NODE_PATH says."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("needs node")
+    needed = "require.resolve('@mcap/core'); require.resolve('fzstd')"
+    if subprocess.run([node, "-e", needed], capture_output=True, check=False).returncode:
+        pytest.skip("needs @mcap/core and fzstd of npm; see make viewers")
+    script = Path(__file__).with_name("read_mcap.cjs")
+    done = subprocess.run([node, script, example], capture_output=True, check=True, timeout=GUARD)
+    data: defaultdict[str, bytes] = defaultdict(bytes)
+    counts: Counter[str] = Counter()
+    with Reader(example) as reader:
+        for _, topic, _, content in reader.messages():
+            data[topic] += content
+            counts[topic] += 1
+    assert json.loads(done.stdout) == {
+        topic: [counts[topic], hashlib.sha256(content).hexdigest()]
+        for topic, content in data.items()
+    }
 
 
 def test_a_scene_shows_the_arms_at_their_positions(example: Path, tmp_path: Path) -> None:
