@@ -6,6 +6,7 @@ of given times, through positions there; the spline, C², or with velocities too
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -86,15 +87,7 @@ class Harmonic:
 
     def bounds(self) -> tuple[float, float]:
         """Return γ1 and γ2 (A1), the suprema over all times, of any axis (`waves`)."""
-        omega, waves = self.phasors()
-        found = []
-        for rate, wave in zip(self.rate.tolist(), waves.T, strict=True):
-            own, of = omega[wave != 0], wave[wave != 0]
-            with np.errstate(over="ignore", invalid="ignore"):  # no bound then, and so it is told
-                speed, acceleration = 1j * (own * of), -(own * own) * of
-            found.append((supremum(rate, own, speed), supremum(0.0, own, acceleration)))
-        gamma_1, gamma_2 = np.max(found, axis=0).tolist()
-        return gamma_1, gamma_2
+        return _suprema(self)
 
     def norm_bounds(self) -> tuple[float, float]:
         """Return bounds on sup ‖υ_0‖₂ and sup ‖a_0‖₂ over all times."""
@@ -112,6 +105,20 @@ class Harmonic:
         axis = np.broadcast_to(np.arange(len(self.rate))[:, None], self.frequency.shape)
         np.add.at(total, (index.reshape(self.frequency.shape), axis), wave)
         return omega, total
+
+
+@lru_cache(maxsize=16)
+def _suprema(target: Harmonic) -> tuple[float, float]:
+    """Return γ1 and γ2 of a target, found once however often they are asked for."""
+    omega, waves = target.phasors()
+    found = []
+    for rate, wave in zip(target.rate.tolist(), waves.T, strict=True):
+        own, of = omega[wave != 0], wave[wave != 0]
+        with np.errstate(over="ignore", invalid="ignore"):  # no bound then, and so it is told
+            speed, acceleration = 1j * (own * of), -(own * own) * of
+        found.append((supremum(rate, own, speed), supremum(0.0, own, acceleration)))
+    gamma_1, gamma_2 = np.max(found, axis=0).tolist()
+    return gamma_1, gamma_2
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -34,7 +34,9 @@ SCHUR = 24
 """The order of A up to which Schur's family is tried beside weights."""
 DOUBLINGS = 40
 RATIOS = np.geomspace(0.02, 1, 12)
-SHARES = (0.02, 0.05, *(i / 10 for i in range(1, 11)), 1.2, 1.5, 2.0, 3.0, 5.0, 10.0, 30.0, 1e3)
+SHARES = np.array(
+    [0.02, 0.05, *(i / 10 for i in range(1, 11)), 1.2, 1.5, 2.0, 3.0, 5.0, 10.0, 30.0, 1e3]
+)
 """By how much r is above ρ(|A|), in units of 1 − ρ(|A|)."""
 FRACTIONS = np.array([0.02, 0.1, 0.25, 0.5, 0.75, 0.9])
 
@@ -88,9 +90,8 @@ def _candidates(A: Matrix) -> Iterator[SmallValueNorm]:
         return
     of_size = float(np.abs(np.linalg.eigvals(np.abs(array))).max())
     if of_size < 1:
-        for u in (np.ones(len(array)), _roots(array)):
-            for share in SHARES:
-                yield from _weights(np.abs(array), of_size + share * (1 - of_size), u)
+        u = np.stack([np.ones(len(array)), _roots(array)], axis=1)
+        yield from _best_weights(np.abs(array), of_size + SHARES * (1 - of_size), u)
     if of_size >= 1 or len(array) <= SCHUR:
         yield from _schur(array)
     yield from _ellipsoids(array, radius)
@@ -115,6 +116,25 @@ def _weights(size: Matrix, r: float, u: NDArray[np.float64]) -> Iterator[SmallVa
         total = float(w.sum())
         b, c = float(w.max()) / total, total / float(w.min())
         yield SmallValueNorm("weights", w.astype(complex), value, b, c)
+
+
+def _best_weights(
+    size: NDArray[np.float64], r: NDArray[np.float64], u: NDArray[np.float64]
+) -> Iterator[SmallValueNorm]:
+    """Yield the best norm of w = (I − |A|/r)⁻¹ u over all r, (q,), and u, the columns of (p, c)."""
+    try:
+        w = np.linalg.solve(np.eye(len(size)) - size / r[:, None, None], u)
+    except np.linalg.LinAlgError:  # r is ρ(|A|) but for rounding
+        return
+    with np.errstate(all="ignore"):
+        value, total = (size @ w / w).max(axis=1), w.sum(axis=1)
+        b, c = w.max(axis=1) / total, total / w.min(axis=1)
+        holds = np.isfinite(w).all(axis=1) & (w.min(axis=1) > 0) & (value < 1)
+        gain = np.where(holds, b * c / (1 - value), np.inf)
+    i, j = np.unravel_index(int(gain.argmin()), gain.shape)
+    if holds[i, j]:
+        scale = w[i, :, j].astype(complex)
+        yield SmallValueNorm("weights", scale, *(float(one[i, j]) for one in (value, b, c)))
 
 
 def _schur(A: NDArray[np.float64]) -> Iterator[SmallValueNorm]:

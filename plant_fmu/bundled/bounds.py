@@ -19,6 +19,7 @@ and s_i ≥ 0. Hence
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 from math import sqrt
 from typing import Any
@@ -77,8 +78,17 @@ def bounds_of(model: str, parameters: Mapping[str, Any], m: int) -> Bounds | Non
         return Bounds(mass, mass, 0.0, 0.0, drag, "exact", mobility=(1 / mass,) * m if mass else ())
     if model == "two_link_arm":
         masses, lengths, drives = (np.append(p[f"{k}1"], p[f"{k}2"]) for k in "mrJ")
-        return arm(masses, lengths, lengths, np.zeros(2), drives, float(p["g"][0]))
-    return arm(p["m"], p["r"], p["c"], p["I"], p["J"], float(p["g"][0]))
+        numbers = (masses, lengths, lengths, np.zeros(2), drives)
+    else:
+        numbers = (p["m"], p["r"], p["c"], p["I"], p["J"])
+    return _known_arm(tuple(tuple(one.tolist()) for one in numbers), float(p["g"][0]))
+
+
+@lru_cache(maxsize=64)
+def _known_arm(numbers: tuple[tuple[float, ...], ...], g: float) -> Bounds | None:
+    """Return P3 of an arm, found once: the robots of a study's points have much the same."""
+    mass, r, c, I, J = map(np.array, numbers)  # noqa: E741
+    return arm(mass, r, c, I, J, g)
 
 
 def arm(mass: Array, r: Array, c: Array, I: Array, J: Array, g: float) -> Bounds | None:  # noqa: E741
