@@ -225,6 +225,11 @@ def resumable(
         raise InputError(f"{output}: is the recording to resume; give another name")
     expect_unlocked(Path(reader.path))
     reader.expect_ticks("resume")
+    if about(reader).is_former:
+        raise InputError(
+            f"{reader.path}: was made when sin, cos and draws were those of libraries, and not our "
+            "own: it would go on otherwise than it began; run its scenario anew"
+        )
     expect_same_types(reader, experiment)
     find = find_recorded(about(reader).plants, experiment)
     group_by_archive(experiment, find=find)

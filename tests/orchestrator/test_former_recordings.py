@@ -61,6 +61,13 @@ def test_without_its_fmu_what_can_be_verified_is_said(monkeypatch):
     )
 
 
+def test_it_does_not_go_on_otherwise_than_it_began(tmp_path):
+    (tmp_path / "cut.mcap").write_bytes(FORMER.read_bytes()[:-2000])
+    done = nrs("resume", tmp_path / "cut.mcap", "-o", tmp_path / "rest.mcap")
+    assert done.returncode == 2
+    assert "was made when sin, cos and draws were those of libraries" in done.stderr
+
+
 X = np.linspace(0.01, 0.99, 40)
 FORMERLY = {
     "sin": (lambda: sine(9 * X), lambda: np.sin(9 * X)),
