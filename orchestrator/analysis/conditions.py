@@ -39,6 +39,7 @@ from nrs_cosim.orchestrator.analysis.switching import (
     DigraphAnalysis,
     Phase,
     any_order_of,
+    any_order_over,
     phases_of,
 )
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -262,7 +263,8 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         ),
         phases=phases_of(algorithm, topologies, spectra, periods),
         repeat=topologies.repeat,
-        any_order=any_order_of(algorithm, topologies, periods),
+        any_order=any_order_over(experiment, periods)
+        or any_order_of(algorithm, topologies, periods),
         periods=periods,
         recursion=recursions[0]
         if len(recursions) == 1 and periods.constant_period is not None

@@ -5,6 +5,7 @@ and of digraphs in turn, it has what came last over each link too.
 """
 
 from collections.abc import Sequence
+from itertools import product
 from math import isnan, nan
 
 import numpy as np
@@ -15,16 +16,21 @@ from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
 from nrs_cosim.estimator_agents.theory.delays import LateStep
 from nrs_cosim.estimator_agents.theory.linear_step import LinearStep, linear_step
 from nrs_cosim.estimator_agents.theory.loss import mean_square_radius
-from nrs_cosim.estimator_agents.theory.lossy_step import LossyStep, lossy_ticks
+from nrs_cosim.estimator_agents.theory.lossy_step import LossyStep, TickEdges, lossy_ticks
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.switching import product_radius
+from nrs_cosim.estimator_agents.theory.varying import JointRadius, joint_spectral_radius
 from nrs_cosim.orchestrator.analysis.link_faults import (
     LinkFaults,
     lasting_digraph,
     link_faults_of,
     ticks_of,
+    turns_of,
 )
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
+
+PASTS = 9
+"""Of digraphs in any order: which there may have been as long ago as samples are late."""
 
 
 def step_of_run(
@@ -134,3 +140,34 @@ def step_over(experiment: Experiment, h: float | None) -> LinearStep | None:
     """Return a period of h, s, where it is known and the age of samples is nothing to it."""
     step = None if h is None else linear_step(nominal_of(experiment.algorithm), h)
     return step if step and step.ageless else None
+
+
+def joint_radius_over(experiment: Experiment, periods: Periods) -> JointRadius | None:
+    """Return bounds for any order of digraphs over links that are late by fixed times.
+
+    What is due depends on the digraphs of as many ticks as the longest delay has: of each such past
+    there are states of their own, of which a tick goes from one to the next.
+    """
+    topologies, faults = experiment.topologies, link_faults_of(experiment)
+    step = step_over(experiment, periods.constant_period)
+    troubled = not faults.fixed or faults.loss.any() or why_unknown_over(experiment, faults)
+    weights, longest = turns_of(topologies, faults.links)[0], int(faults.most.max(initial=0))
+    pasts = [*product(range(len(weights)), repeat=longest)]
+    if step is None or troubled or len(pasts) > PASTS:
+        return None
+    has = np.array([weight.any(axis=0) for weight in weights])
+    edges, stories = np.arange(len(faults.most)), [*product(range(len(weights)), pasts)]
+    sent = [has[np.array([now, *past])[faults.most], edges] for now, past in stories]
+    ticks = [
+        TickEdges(weights[now], np.where(there, 0.0, 1.0))
+        for (now, _), there in zip(stories, sent, strict=True)
+    ]
+    steps = lossy_ticks(step, faults.links, faults.most, ticks, experiment.missing)
+    if steps is None:
+        return None
+    p = len(steps[0].fixed)
+    whole = np.zeros((len(weights), len(pasts), p, len(pasts), p))
+    for (now, past), one in zip(stories, steps, strict=True):
+        then = pasts.index((now, *past)[:longest])
+        whole[now, then, :, pasts.index(past)] = one.fixed[:, :p]
+    return joint_spectral_radius([*whole.reshape(len(weights), len(pasts) * p, -1)])

@@ -15,6 +15,8 @@ from nrs_cosim.estimator_agents.theory.aperiodic import ConvergenceStatus, Perio
 from nrs_cosim.estimator_agents.theory.network import NetworkSummary, network_of
 from nrs_cosim.estimator_agents.theory.switching import any_order, contracts_in_any_order
 from nrs_cosim.orchestrator.analysis.convergence import for_any_periods, recursions_of, rho_alone
+from nrs_cosim.orchestrator.analysis.link_recursions import joint_radius_over
+from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +51,8 @@ class AnyOrder:
     """Of the joint spectral radius; None where that is not computed."""
     order: tuple[int, ...]
     """Phases, from 1, that over and over come to the lower bound."""
+    over_links: bool = False
+    """Whether it is of links that are late, and not of links without faults."""
 
 
 def phases_of(
@@ -89,3 +93,19 @@ def any_order_of(
     status = "proven" if by_gains else RadiusBounds(found.lower, upper).status
     order = tuple(phase + 1 for phase in found.order)
     return AnyOrder(status, by_gains, found.lower, upper, order)
+
+
+def any_order_over(experiment: Experiment, periods: Periods) -> AnyOrder | None:
+    """Return what is known of turns in any order over links that are late (statement D8).
+
+    None where it is not of links that are late alone, with agents that drop, or of too many states.
+    """
+    topologies = experiment.topologies
+    if not (experiment.impaired and topologies.switching and experiment.missing == "drop"):
+        return None
+    found = joint_radius_over(experiment, periods)
+    if found is None:
+        return None
+    status = RadiusBounds(found.lower, found.upper).status
+    order = tuple(phase + 1 for phase in found.order)
+    return AnyOrder(status, False, found.lower, found.upper, order, over_links=True)

@@ -47,7 +47,8 @@ def convergence_rows(checked: "Check") -> dict[str, str]:
         **link_rows(checked.links),
     }
     if checked.any_order:
-        rows["any order"] = _any_order(checked.any_order, _of(checked))
+        of = " (statement D8)" if checked.any_order.over_links else _of(checked)
+        rows["any order"] = _any_order(checked.any_order, of)
     if periods.constant_period is None:
         rows["times"] = (
             f"{periods.shortest:g} to {periods.longest:g} s after one another, "
