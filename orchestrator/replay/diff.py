@@ -15,6 +15,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from nrs_cosim.bus.errors import BusError
+from nrs_cosim.bus.keys import kind_of
 from nrs_cosim.bus.messages import Codec
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.replay.difference import ABSENT, Difference, Pairs, difference_in
@@ -22,8 +24,10 @@ from nrs_cosim.orchestrator.replay.distances import Array, Distance, Distances
 from nrs_cosim.orchestrator.scenario.assets import Asset
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import tables_of
+from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.export.tables import AGENT_STATES, STATES, joints, robots, rows_of
 from nrs_cosim.recordings.mcap.columns import Columns
+from nrs_cosim.recordings.mcap.container import Message
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.ticks import consecutive
 from nrs_cosim.recordings.schemas import contents_of, recorded_types
@@ -104,7 +108,10 @@ def compare(a: Reader, b: Reader, curves: int = 0) -> Comparison:
     pairs = Pairs(a.topics, b.topics)
     for in_a, in_b in _together(a, b):
         if first is None and (row := pairs.first(in_a, in_b)) is not None:
-            first = difference_in(of_a, of_b, *pairs.at(in_a, in_b, row))
+            was, now = pairs.at(in_a, in_b, row)
+            _expect_sound(a, of_a, was)
+            _expect_sound(b, of_b, now)
+            first = difference_in(of_a, of_b, was, now)
             if not (len(in_a.time) and len(in_b.time)):
                 here, name = (in_a, "B") if len(in_a.time) else (in_b, "A")
                 ends = name, int(here.sequence[0]) - 1
@@ -130,6 +137,16 @@ def compare(a: Reader, b: Reader, curves: int = 0) -> Comparison:
         tuple(name for name, reader in (("A", a), ("B", b)) if reader.digest is None),
         ends,
     )
+
+
+def _expect_sound(reader: Reader, codecs: Mapping[str, Codec], message: Message | None) -> None:
+    """Raise `UnreadableError` for a message that is not of its type."""
+    if message is None:
+        return
+    try:
+        codecs[kind_of(message[1])].decode([message[3]])
+    except BusError as error:
+        raise UnreadableError(f"{reader.path}: {error}") from error
 
 
 def _fields_in_common(a: Codec | None, b: Codec | None) -> list[str]:

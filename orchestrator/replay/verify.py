@@ -182,10 +182,12 @@ def verify(reader: Reader, experiment: Experiment, *, plants: bool) -> Verificat
 
 def _run_again(reader: Reader, experiment: Experiment, *, plants: bool) -> Verification:
     clock, n, m = experiment.clock, experiment.n, experiment.m
-    if next(ticks(reader), None) is None:
+    if (first := next(ticks(reader), None)) is None:
         return Verification(-1, 0, None, _unseen(reader, clock, -1), _missing(reader))
     numbers, codecs = range(1, n + 1), expect_same_types(reader, experiment)
     topics = Topics.among(reader.topics.values(), n)
+    if not plants and (absent := _absent_state(first.messages(reader.topics), clock, 0, topics)):
+        return Verification(-1, 0, absent, _unseen(reader, clock, -1), _missing(reader))
     with ExitStack() as stack, np.errstate(all="ignore"):
         robots = (
             Robots.opened(stack, experiment, numbers, _finder(reader, experiment))

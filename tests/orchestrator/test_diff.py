@@ -9,6 +9,7 @@ import pytest
 from nrs_cosim.bus.fields import Sizes
 from nrs_cosim.bus.messages import STATE, Codec
 from nrs_cosim.orchestrator.replay.diff import compare
+from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap import writer as writer_module
 from nrs_cosim.recordings.mcap.container import tail
 from nrs_cosim.recordings.mcap.reader import Reader
@@ -120,6 +121,21 @@ def test_differences_are_those_of_the_messages_however_chunks_are_cut(tmp_path, 
             wanted = np.array(expected[of])
             assert times.tolist() == wanted[:, 1].tolist()
             assert apart == pytest.approx(wanted[:, 0], rel=1e-12)
+
+
+@pytest.mark.parametrize("topic", ["/robot_3/sample", "/robot_3/state"])
+def test_a_message_that_is_cut_is_refused_by_the_name_of_its_file(tmp_path, topic):
+    def cut(messages):
+        return [(*m[:3], m[3][:24] if m[1:3] == (topic, 5) else m[3]) for m in messages]
+
+    files = [put(tmp_path / f"{n}.mcap", made(e), 3000) for n, e in (("a", cut), ("b", list))]
+    for turned in (files, files[::-1]):
+        with (
+            Reader(turned[0]) as one,
+            Reader(turned[1]) as other,
+            pytest.raises(UnreadableError, match=r"a\.mcap: "),
+        ):
+            compare(one, other)
 
 
 def test_whole_recordings_of_one_digest_are_the_same_and_no_chunk_is_read(tmp_path, monkeypatch):

@@ -112,19 +112,20 @@ def test_a_flipped_bit_is_found_by_verify(tmp_path, plants, topic, at, field):
     assert np.allclose(found.recorded, found.replayed)
 
 
-def test_a_missing_or_extra_message_is_found_by_verify(tmp_path):
+@pytest.mark.parametrize(("plants", "k"), [(True, 4), (False, 4), (False, 0)])
+def test_a_missing_or_extra_message_is_found_by_verify(tmp_path, plants, k):
     run(paper(SHORT), tmp_path / "run.mcap")
     rewritten(
         tmp_path / "run.mcap",
         tmp_path / "less.mcap",
-        lambda tick: [m for m in tick if (m[1], m[2]) != ("/robot_3/state", 4)],
+        lambda tick: [m for m in tick if (m[1], m[2]) != ("/robot_3/state", k)],
     )
     with Reader(tmp_path / "less.mcap") as reader:
-        found = verify(reader, experiment_of(reader), plants=True).difference
-        assert (found.topic, found.k, found.recorded) == ("/robot_3/state", 4, "absent")
+        found = verify(reader, experiment_of(reader), plants=plants).difference
+        assert (found.topic, found.k, found.recorded) == ("/robot_3/state", k, "absent")
         with Reader(tmp_path / "run.mcap") as whole:
             first = compare(whole, reader).first
-            assert (first.topic, first.k, first.replayed) == ("/robot_3/state", 4, "absent")
+            assert (first.topic, first.k, first.replayed) == ("/robot_3/state", k, "absent")
 
 
 ONE_HEAVY = "robots=3,plant.parameters={ m2 = 3.0 },controller.kp=150.0"
