@@ -6,7 +6,7 @@ DATA := recordings/data
 # A command takes a third longer where Python compiles the package each time; tests start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs tutorials gallery demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-scale benchmark-commands benchmark-command performance digests benchmark-peers verify-elsewhere benchmark-studies soak release urdfs figures viewers rerun-picture reference paper lint lock clean
+.PHONY: docs tutorials gallery demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-scale benchmark-commands benchmark-command performance digests benchmark-peers verify-elsewhere benchmark-studies soak release urdfs figures viewers rerun-picture report-pictures reference paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap --force
@@ -105,6 +105,15 @@ rerun-picture: .venv/.tested  ## what Rerun shows of the paper's example, throug
 	rm -f $(DATA)/bag.mcap
 	$(BIN)/nrs convert $(DATA)/figures.mcap --to ros2 -o $(DATA)/bag.mcap
 	$(BIN)/python -m docs.rerun_picture $(DATA)/bag.mcap docs/rerun.png
+
+report-pictures: .venv/.tested  ## pages of reports, of six robots and of a hundred, through Chromium
+	$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/figures.mcap --force
+	$(BIN)/nrs run scenarios/ring_100.toml -o $(DATA)/ring_100.mcap --force
+	$(BIN)/nrs report $(DATA)/figures.mcap -o $(DATA)/figures.html
+	$(BIN)/nrs report $(DATA)/ring_100.mcap -o $(DATA)/ring_100.html
+	$(BIN)/python -m docs.report_picture $(DATA)/figures.html docs/report.png light
+	$(BIN)/python -m docs.report_picture $(DATA)/figures.html docs/report_theory.png light figure-envelopes
+	$(BIN)/python -m docs.report_picture $(DATA)/ring_100.html docs/report_100.png dark
 
 reference: .venv/.installed  ## write docs/scenario.md and docs/cli.md from the code
 	$(BIN)/python -m docs.reference docs

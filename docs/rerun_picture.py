@@ -5,7 +5,6 @@ without a screen shows it, drawn by the processor: it is there when two pictures
 """
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -17,7 +16,8 @@ from urllib.parse import quote
 
 import numpy as np
 from PIL import Image
-from selenium import webdriver
+
+from docs.chromium import headless
 
 SIZE = (1600, 900)
 PATIENCE, _BETWEEN = 60.0, 5.0
@@ -25,10 +25,6 @@ PATIENCE, _BETWEEN = 60.0, 5.0
 _FEW = 200
 """Colours of a page on which nothing is drawn yet."""
 _ARGUMENTS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-dev-shm-usage",
-    "--no-proxy-server",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
     f"--window-size={SIZE[0]},{SIZE[1]}",
@@ -52,12 +48,7 @@ def take(bag: Path, picture: Path) -> None:
 
 def _settled(address: str) -> bytes:
     """Return the picture of a page once it no longer changes, or when patience is at its end."""
-    options = webdriver.ChromeOptions()
-    options.binary_location = str(shutil.which("chromium"))
-    for argument in _ARGUMENTS:
-        options.add_argument(argument)
-    service = webdriver.ChromeService(shutil.which("chromedriver"))
-    with webdriver.Chrome(options=options, service=service) as browser:
+    with headless(*_ARGUMENTS) as browser:
         browser.get(address)
         before, began = b"", time.monotonic()
         while time.monotonic() - began < PATIENCE:

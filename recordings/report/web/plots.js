@@ -120,7 +120,7 @@ const plots = {
     const axis = { gridcolor: line, linecolor: line, zerolinecolor: line, zerolinewidth: 1, tickfont: font, automargin: true };
     return {
       font, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", uirevision: "kept",
-      margin: { l: 8, r: this.labelled(panel, plot) ? 150 : 10, t: 8, b: 8 }, hovermode: "closest", dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
+      margin: { l: 8, r: this.labelled(panel, plot) ? 180 : 10, t: 8, b: 8 }, hovermode: "closest", dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
       hoverlabel: { font: { ...font, color: ink }, bgcolor: theme.colour("--card"), bordercolor: line },
       showlegend: false,
       annotations: this.labelled(panel, plot) ? this.labels(panel, plot, font) : [],
@@ -134,7 +134,7 @@ const plots = {
     };
   },
 
-  labelled(panel, plot) { return panel.labels.length && !this.window && plot.clientWidth > 440; },
+  labelled(panel, plot) { return panel.labels.length && !this.window && plot.clientWidth > 460; },
 
   labels({ labels }, plot, font) {
     return labels.map(({ text, x, y, shift, ink }) => ({
