@@ -30,7 +30,7 @@ from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
 SLOWEST = 1e-6
 LISTENER = "tcp/127.0.0.1:7447"
 _STORED = (
-    "scenarios, and the digests that stand in the files, of which every checksum agrees; "
+    "scenarios and digests, that of a file whose every checksum agrees as it stands there; "
     "--verify computes them from the messages"
 )
 

@@ -170,7 +170,10 @@ def test_a_digest_that_was_sealed_into_another_recording_is_seen_through_when_as
         put(liar, made(moved), 3000)
     stored = nrs("diff", honest, liar)
     assert stored.returncode == 0
-    assert "compared: scenarios, and the digests that stand in the files" in stored.stderr
+    assert (
+        "compared: scenarios and digests, that of a file whose every checksum agrees as it stands"
+        in stored.stderr
+    )
     assert json.loads(nrs("diff", honest, liar, "--json").stdout)["compared"] == "stored digests"
     asked = nrs("diff", honest, liar, "--verify", "--json")
     found = json.loads(asked.stdout)
