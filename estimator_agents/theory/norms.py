@@ -168,28 +168,32 @@ def _triangular(A: NDArray[np.float64]) -> tuple[Complex, Complex]:
 
 
 def _ellipsoids(A: NDArray[np.float64], radius: float) -> Iterator[SmallValueNorm]:
-    for fraction in FRACTIONS:
-        r = radius + fraction * (1 - radius)
-        sizes, V = np.linalg.eigh(_gathered(A / r))
-        if not np.isfinite(sizes[-1]) or sizes[0] <= 0:
-            continue
-        root = np.sqrt(sizes)
-        S, back = (V / root) @ V.T, (V * root) @ V.T
-        value = float(np.linalg.norm(back @ A @ S, 2))
+    r = radius + FRACTIONS * (1 - radius)
+    P = _gathered(A / r[:, None, None])
+    sizes, V = np.linalg.eigh(P[np.isfinite(P).all(axis=(1, 2))])
+    keeps = sizes[:, 0] > 0
+    root, V = np.sqrt(sizes[keeps])[:, None], V[keeps]
+    S, back = (V / root) @ V.mT, (V * root) @ V.mT
+    values = np.linalg.norm(back @ A @ S, 2, axis=(1, 2)).tolist()
+    for value, one, largest in zip(values, S, root[:, 0, -1].tolist(), strict=True):
         if value < 1:
-            ones = float(np.linalg.norm(S.sum(axis=0)))
-            b = float(np.linalg.norm(S, axis=1).max())
-            c = float(root[-1] * np.sqrt(len(A)))
-            yield SmallValueNorm("ellipsoid", S.astype(complex), value, b / ones, c * ones)
+            ones = float(np.linalg.norm(one.sum(axis=0)))
+            b = float(np.linalg.norm(one, axis=1).max())
+            c = largest * float(np.sqrt(len(A)))
+            yield SmallValueNorm("ellipsoid", one.astype(complex), value, b / ones, c * ones)
 
 
 def _gathered(A: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return P = Σ (Aʲ)ᵀ Aʲ, for which AᵀPA − P = −I; each turn doubles the terms."""
-    P, power = np.eye(len(A)), A
+    """Return P = Σ (Aʲ)ᵀ Aʲ of each A, (q, p, p), for which AᵀPA − P = −I.
+
+    Each turn doubles the terms.
+    """
+    P: NDArray[np.float64] = np.broadcast_to(np.eye(A.shape[-1]), A.shape)
+    power = A
     for _ in range(DOUBLINGS):
-        more = power.T @ P @ power
-        P = P + (more + more.T) / 2
-        if np.abs(more).max() <= 1e-16 * np.abs(P).max():
+        more = power.mT @ P @ power
+        P = P + (more + more.mT) / 2
+        if (np.abs(more).max(axis=(1, 2)) <= 1e-16 * np.abs(P).max(axis=(1, 2))).all():
             break
         power = power @ power
     return P

@@ -14,6 +14,7 @@ leaves out is seen in the difference of bound and target, and the grid is refine
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from heapq import heappop, heappush
 from typing import Any
 
@@ -104,18 +105,11 @@ def responses(
     error: ErrorRecursion, seen: Array, held: float, most_periods: int
 ) -> list[Response] | None:
     """Return the responses of `seen` x, (q, p); None where the past lasts more than so long."""
-    A, block = error.A, error.B[:, :, None]
-    power = A
-    if A.shape[0] <= DENSE:
-        power = as_array(A)
-        while block.shape[2] < BLOCK:
-            block = np.concatenate([block, np.tensordot(power, block, axes=1)], axis=2)
-            power = power @ power
-    flat = block.reshape(len(block), -1)
+    block, power = _block(error)
     found: list[Array] = []
     most, rows = np.zeros(len(seen)), seen
-    while len(found) * block.shape[2] < most_periods:
-        now = (rows @ flat).reshape(len(seen), 2, -1)
+    while len(found) * block.shape[1] // 2 < most_periods:
+        now = (rows @ block).reshape(len(seen), 2, -1)
         found.append(now)
         size = np.abs(now).max(axis=(1, 2))
         most = np.maximum(most, size)
@@ -124,6 +118,21 @@ def responses(
             return [Response(error.h, p, r, error.drag, held) for p, r in whole]
         rows = rows @ power
     return None
+
+
+@lru_cache(maxsize=2)
+def _block(error: ErrorRecursion) -> tuple[Array, Matrix]:
+    """Return A^j B of some j from 0 on, side by side, (p, 2 b), and A^b.
+
+    All that is seen of one recursion, as it is one after another, is seen through these.
+    """
+    power, block = error.A, error.B[:, :, None]
+    if power.shape[0] <= DENSE:
+        power = as_array(power)
+        while block.shape[2] < BLOCK:
+            block = np.concatenate([block, np.tensordot(power, block, axes=1)], axis=2)
+            power = power @ power
+    return block.reshape(len(block), -1), power
 
 
 def largest_of(
