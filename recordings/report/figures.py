@@ -105,7 +105,9 @@ def _agent_panels(stories: Sequence[Story]) -> Iterator[Panel]:
                 if kept_there and label in kept_there.labels and len(story.t_k):
                     curves += _by_robot(stories, at, story.t_k, kept_there.values[:, :, number])
             if curves:
-                yield Panel(label, tuple(curves), number if field.by_joint else None)
+                joint = number if field.by_joint else None
+                called = "" if joint is None else stories[0].subject.joints[joint]
+                yield Panel(label, tuple(curves), joint, joint_name=called)
 
 
 def _by_robot(stories: Sequence[Story], at: int, t: Array, y: Array) -> list[Curve]:

@@ -1,6 +1,7 @@
 """What is drawn is told apart: lines by colour, dash and name, runs by what differs, phases."""
 
 import re
+from dataclasses import replace
 from importlib.resources import files
 from itertools import combinations
 
@@ -146,3 +147,12 @@ def test_links_of_a_network_that_changes_are_shown_by_phase(folder):
     turns = data["turns"]
     assert turns["which"][:4] == [0, 1, 2, 0]
     assert turns["t"][:4] == pytest.approx([0, 1.1, 2.1, 2.6])
+
+
+def test_the_joint_chooser_names_joints_as_their_plants_do(tmp_path):
+    recorded_run(tmp_path / "a.mcap", n=2, m=2, ticks=3)
+    of = story(tmp_path / "a.mcap")
+    of = replace(of, subject=replace(of.subject, joints=["shoulder", "elbow"]))
+    panels = [panel for figure in figures([of]) for panel in figure.panels]
+    named = {(panel.joint, panel.joint_name) for panel in panels if panel.joint is not None}
+    assert named == {(0, "shoulder"), (1, "elbow")}
