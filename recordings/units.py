@@ -27,8 +27,12 @@ def field_unit(name: str, field: Field, coordinate: str) -> str:
     """
     if field.unit is not None:
         return field.unit
-    of = _UNITS.get(name.rpartition("_")[2]) or _UNITS.get(field.truth or "", {})
-    return of.get(coordinate, "")
+    return quantity_unit(name, coordinate) or _UNITS.get(field.truth or "", {}).get(coordinate, "")
+
+
+def quantity_unit(name: str, coordinate: str) -> str:
+    """Return the unit of what a name ends with; empty where it is none of a joint's quantities."""
+    return _UNITS.get(name.rpartition("_")[2], {}).get(coordinate, "")
 
 
 def joints_of_each(run: RunRecord) -> dict[int, tuple[JointRecord, ...]]:

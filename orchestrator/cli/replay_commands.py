@@ -193,6 +193,8 @@ def diff(
     from nrs_cosim.orchestrator.cli.progress import reading
     from nrs_cosim.orchestrator.replay.diff import compare
     from nrs_cosim.recordings.mcap.reader import Reader
+    from nrs_cosim.recordings.schemas import about
+    from nrs_cosim.recordings.units import coordinate_of
 
     if picture:
         expect_ending("--picture", picture, ".png")
@@ -203,6 +205,7 @@ def diff(
         Reader(b, verify=verifying, watch=follow(b)) as other,
     ):
         found = compare(one, other, terminal_replay.MOST_DRAWN if picture else 0)
+        coordinates = {coordinate_of(about(reader).run) for reader in (one, other)}
         for reader in (one, other):
             for damage in reader.damage:
                 say("yellow", "damage", f"{reader.path}: {damage}")
@@ -211,7 +214,7 @@ def diff(
             raise InputError(f"--picture: nothing to draw: {why}")
         expect_replaceable(picture, "PNG picture", b"\x89PNG")
         make_folder(picture)
-        draw(found, picture)
+        draw(found, picture, coordinates.pop() if len(coordinates) == 1 else "")
     if as_json:
         print_json(found.as_json())
     else:

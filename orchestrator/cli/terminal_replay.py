@@ -32,15 +32,15 @@ MOST_DRAWN = 24
 """Robots of which distances are drawn."""
 
 
-def drawing() -> Callable[[Comparison, Path], None]:
+def drawing() -> Callable[[Comparison, Path, str], None]:
     try:
         from nrs_cosim.recordings.report.print import write_distances  # noqa: PLC0415, needs an extra
     except ImportError:
         raise MissingExtraError("--picture: needs matplotlib", "report") from None
 
-    def draw(found: Comparison, picture: Path) -> None:
+    def draw(found: Comparison, picture: Path, coordinate: str) -> None:
         try:
-            write_distances(found.apart, picture)
+            write_distances(found.apart, picture, coordinate)
         except OSError as error:
             raise UncreatableError(f"{picture}: cannot be written: {error.strerror}") from None
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from nrs_cosim.recordings.report.curves import Curve, Figure, Label, Panel, kept
 from nrs_cosim.recordings.report.data import Story
 from nrs_cosim.recordings.report.figures import Group, figures
+from nrs_cosim.recordings.units import quantity_unit
 
 INKS = (
     "#1b34f8", "#d97a0e", "#099b97", "#4c038b", "#2696f3", "#a05206", "#743649", "#3168a4",
@@ -209,23 +210,31 @@ def _mathematical(label: str) -> str:
 Array = NDArray[np.float64]
 
 
-def write_distances(apart: Mapping[tuple[int, str], tuple[Array, Array]], path: Path) -> None:
-    """Draw distances into a PNG: by robot and quantity, times in s (t,) and |A − B| (t,)."""
+def write_distances(
+    apart: Mapping[tuple[int, str], tuple[Array, Array]], path: Path, coordinate: str
+) -> None:
+    """Draw distances into a PNG, of joints in a unit, empty where that is not one and the same."""
     robots = sorted({robot for robot, _ in apart})
-    panels = [
-        Panel(
-            f"|A − B| of {name}",
-            tuple(
-                _curve(robot, ink, *apart[robot, name])
-                for ink, robot in enumerate(robots)
-                if (robot, name) in apart
-            ),
-            logarithmic=True,
-        )
-        for name in dict.fromkeys(name for _, name in apart)
-    ]
-    figure = Figure("apart", "How far apart they are", "", tuple(panels))
-    write_picture([figure], path, [(f"robot {robot}", ink) for ink, robot in enumerate(robots)])
+    legend = [(f"robot {robot}", ink) for ink, robot in enumerate(robots)]
+    write_picture([distance_figure(apart, coordinate)], path, legend)
+
+
+def distance_figure(
+    apart: Mapping[tuple[int, str], tuple[Array, Array]], coordinate: str
+) -> Figure:
+    """Return distances by robot and quantity: times in s (t,) and |A − B| (t,)."""
+    robots = sorted({robot for robot, _ in apart})
+    panels = []
+    for name in dict.fromkeys(name for _, name in apart):
+        unit = quantity_unit(name, coordinate)
+        curves = [
+            _curve(robot, ink, *apart[robot, name])
+            for ink, robot in enumerate(robots)
+            if (robot, name) in apart
+        ]
+        label = f"|A − B| of {name}{f' ({unit})' * bool(unit)}"
+        panels.append(Panel(label, tuple(curves), logarithmic=True))
+    return Figure("apart", "How far apart they are", "", tuple(panels))
 
 
 def _curve(robot: int, ink: int, times: Array, apart: Array) -> Curve:

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 from docs.figures import draw
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.cli.main import app
+from nrs_cosim.recordings.report.print import distance_figure
 from tests.cases import cases
 
 nrs = CliRunner()
@@ -129,3 +130,16 @@ def test_figures_of_a_page_are_not_separate(tmp_path):
     result = nrs.invoke(app, ["report", "none.mcap", "-o", str(out), "--separate"])
     assert isinstance(result.exception, InputError)
     assert "is a page; give a .png, .svg or .pdf" in str(result.exception)
+
+
+@pytest.mark.parametrize(
+    ("coordinate", "units"), [("rad", ["rad", "rad/s", "N m"]), ("m", ["m", "m/s", "N"]), ("", [])]
+)
+def test_distances_have_the_units_of_their_quantities(coordinate, units):
+    names = ["position", "reference_velocity", "effort", "precision"]
+    apart = {(1, name): (np.arange(3.0), np.ones(3)) for name in names}
+    labels = [panel.label for panel in distance_figure(apart, coordinate).panels]
+    shown = [f" ({unit})" for unit in units] or [""] * 3
+    assert labels == [
+        f"|A − B| of {name}{unit}" for name, unit in zip(names, [*shown, ""], strict=True)
+    ]
