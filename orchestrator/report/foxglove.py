@@ -16,10 +16,13 @@ from threading import Event, Thread
 from typing import Any
 
 from nrs_cosim.bus.errors import InputError, MissingExtraError
+from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.logs import log_as_asked
 from nrs_cosim.orchestrator.report.view_process import LISTENS, ViewProcess, file_state
 from nrs_cosim.orchestrator.terminal import say
+from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.measurement import TargetAt
 from nrs_cosim.recordings.report.server import HOST
 
 _NEEDED = {"foxglove": "foxglove-sdk", "foxglove_schemas_protobuf": "foxglove-schemas-protobuf"}
@@ -98,14 +101,31 @@ def _serve(what: dict[str, Any]) -> None:
             played = what["start_ns"], what["end_ns"]
             player = replay.Player(reader, *played, what["speed"])
             with Server(
-                reader, port, played=played, control=player.control, falls_behind=falls_behind
+                reader,
+                port,
+                target_at=_target_at(reader),
+                played=played,
+                control=player.control,
+                falls_behind=falls_behind,
             ) as server:
                 print(LISTENS)
                 player.serve(server, over)
     elif growing := live.head_of(path, lambda: file_state(path) not in ("", what["before"]), over):
-        with growing, Server(growing, port, falls_behind=falls_behind) as server:
+        target_at = _target_at(growing)
+        with (
+            growing,
+            Server(growing, port, target_at=target_at, falls_behind=falls_behind) as server,
+        ):
             print(LISTENS)
             live.follow(growing, server, over, lambda: server.has_listeners)
+
+
+def _target_at(reader: Reader) -> TargetAt | None:
+    """Return where the target is at any time; None where this machine cannot say."""
+    try:
+        return experiment_of(reader).target_at
+    except (InputError, UnreadableError):
+        return None
 
 
 def main() -> None:

@@ -31,6 +31,7 @@ from nrs_cosim.recordings.export.scene import Scene
 from nrs_cosim.recordings.mcap import container
 from nrs_cosim.recordings.mcap.columns import Columns
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.measurement import TargetAt
 from nrs_cosim.recordings.robots.placed import own_urdf, placed_robots, shown_robots
 
 HOST = "127.0.0.1"
@@ -93,7 +94,8 @@ def _time_of(message: container.Message) -> int:
 class Server(ServerListener):
     """A server of a recording; a context manager that stops it.
 
-    With `played`, the times of the first and last message, clients may control the replay.
+    With `played`, the times of the first and last message, clients may control the replay;
+    `target_at` is as for `Scene`.
     """
 
     def __init__(
@@ -101,6 +103,7 @@ class Server(ServerListener):
         reader: Reader,
         port: int,
         *,
+        target_at: TargetAt | None = None,
         played: tuple[int, int] | None = None,
         control: Control | None = None,
         falls_behind: Callable[[], None] = lambda: None,
@@ -116,7 +119,7 @@ class Server(ServerListener):
         self._time_ns = -1
         placed = placed_robots(reader)
         self._assets = {f"{ASSETS}{robot.name}.urdf": own_urdf(robot).encode() for robot in placed}
-        self._scene = Scene(reader, shown_robots(reader))
+        self._scene = Scene(reader, shown_robots(reader), target_at)
         self._topics, self._context = reader.topics, Context()  # which is to live as long
         # All before it listens: what a client subscribes to, the SDK must know by then.
         self._channels = dict(_channels(reader, self._scene, self._context))

@@ -12,7 +12,7 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from tests.scenarios import paper
 
 pytest.importorskip("foxglove", reason="needs foxglove-sdk, of the extra `foxglove`")
-from tests.recordings.foxglove_client import Client
+from tests.recordings.foxglove_client import PLAY, Client
 
 TOPIC = "/robot_1/state"
 
@@ -40,6 +40,10 @@ def test_who_comes_late_has_a_run_from_its_beginning_and_a_replay_begins_with_wh
     with Foxglove(0) as again:
         again.replay(path, 0, end, 1e5)
         assert received(again) == states
+        with Client(again.address) as client:
+            client.until(lambda: "/errors" in client.channels).subscribe(["/errors"])
+            client.control(PLAY, 1e5, 0)
+            client.until(lambda: len(client.messages) >= len(states))
     assert (view.process.returncode, again.process.returncode) == (0, 0)
     printed = capsys.readouterr().err.splitlines()
     assert printed == [f"foxglove: {served.address}" for served in (view, again)]
