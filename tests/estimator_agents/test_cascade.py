@@ -159,7 +159,7 @@ def late_reached(late, gains, gamma_1, gamma_2, ticks=200, parts=3):
     width, t = h / parts, (np.arange(ticks) * h)[:, None]
     moved = np.maximum(t - h - width * (np.arange(parts) + 0.5), 0) * (t > h)
     z = np.stack([moved, 1.0 * (t > h) + 0 * moved, 0 * moved]) * width
-    x = followed(late, z) + z[:2].swapaxes(0, 1)[:, :, None]
+    x = followed(late, z)[0] + z[:2].swapaxes(0, 1)[:, :, None]
     after = np.einsum("ab,kbnr->kanr", [[1, -h], [0, 1]], x[1:])
     F = np.zeros((4, 4))
     F[0, 1], F[2, 3], F[3] = 1, 1, [kp / mass, kd / mass, -kp / mass, -kd / mass]
