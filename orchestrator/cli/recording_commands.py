@@ -228,7 +228,7 @@ def scene(
         expect_replaceable(layout, "layout", b'{"configById"')
         write_scene(reader, output, shown, experiment.target_at)
         reach = max(abs(robot.y) + robot.description.reach for robot in shown) or 20.0
-        events = experiment.impaired or experiment.links is not None
+        events = any(topic.endswith("/link_event") for topic in reader.topics.values())
         made = scene_layout(range(1, experiment.n + 1), reach, events=events)
         layout.write_text(json.dumps(made) + "\n", "utf-8")
         for damage in reader.damage:

@@ -13,7 +13,7 @@ joints are called, and what their positions are in.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,10 +79,9 @@ class Grids:
         """Of each robot, behind the target."""
         self._place[self.robots] = np.arange(1, len(self.robots) + 1)
         self.variables: dict[str, GridVariable] = {}
-        self.axes: dict[str, list[int]] = {"joint": [*(selection.joints or ())]}
+        self.axes: dict[str, Sequence[int]] = {}
         """Of each other dimension what its places are called, by numbers from 1."""
-        if not self.axes["joint"]:
-            self.axes["joint"] = [*range(1, self._run.joints + 1)]
+        self.axes["joint"] = selection.joints or range(1, self._run.joints + 1)
         self._layouts = {table: layout(self._types, table, selection.joints) for table in _PREFIX}
         for dimension, tables in DIMENSIONS.items():
             for table in tables:
@@ -95,7 +94,7 @@ class Grids:
         assert of.codec is not None  # it has a field
         field, is_target = of.codec.kind.fields[name], full.startswith("target_")
         axes = dict(zip(_axes(full, field), of.numbers[name], strict=True))
-        self.axes |= {axis: [*numbers] for axis, numbers in axes.items()}
+        self.axes |= axes
         attributes = {"long_name": _MEANING.get(full) or field.doc or name}
         if unit := field_unit(name, field, coordinate_of(self._run)):
             attributes["units"] = unit

@@ -83,7 +83,7 @@ def test_it_is_exported_compared_drawn_and_recovered(run, tmp_path):
         done = nrs(*command)
         assert done.returncode == 0, (command, done.stderr)
     names = sorted(path.name for path in (tmp_path / "tables").iterdir())
-    tables = ["agent_states", "joints", "link_events", "samples", "states"]
+    tables = ["agent_states", "columns", "joints", "link_events", "samples", "states"]
     assert names == [f"{table}.csv" for table in tables]
     assert "no_such_law (gain = 0.9" in (tmp_path / "run.html").read_text("utf-8")
 

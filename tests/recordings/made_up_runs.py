@@ -49,6 +49,7 @@ def about(n: int, m: int, ticks: int) -> dict[str, dict[str, str]]:
         "drive": "reference-driven Co-Simulation",
         "why": "",
         "sha256": "0" * 64,
+        "any_machine": True,
         "robots": [*range(1, n + 1)],
         "joints": [{"name": f"joint_{j}", "unit": "rad"} for j in range(1, m + 1)],
     }
