@@ -31,7 +31,7 @@ def dataset(reader: Reader, selection: Selected = ALL) -> xarray.Dataset:
             "robot": ("robot", grids.robots),
             **{name: (("robot", "joint"), of) for name, of in grids.joints.items()},
             **{
-                axis: (axis, numbers)
+                axis: (axis, [*numbers])
                 for axis, numbers in grids.axes.items()
                 if "_axis_" not in axis
             },
