@@ -411,7 +411,7 @@ def test_scene_keeps_the_digest(recording, tmp_path):
     new = tmp_path / "scene.mcap"
     done = nrs("scene", recording[0], "-o", new)
     assert done.stdout == f"{new}\n"
-    assert "open it in Foxglove" in done.stderr
+    assert "import it in Foxglove" in done.stderr
     assert done.returncode == 0
     result = json.loads(nrs("info", new, "--json").stdout)
     assert (result["status"], result["ticks"]) == ("completed", 10)

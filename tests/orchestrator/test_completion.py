@@ -16,7 +16,7 @@ COMPLETED = {
     "nrs re": ["recover", "replay", "report", "resume"],
     "nrs fmu b": ["build"],
     "nrs check --stri": ["--strict"],
-    "nrs export --format ": ["csv", "mat", "parquet", "ssp"],
+    "nrs export --format ": ["csv", "mat", "nc", "parquet", "ssp"],
 }
 SHELLS = {
     "bash": """

@@ -58,4 +58,4 @@ def test_run_and_resume_have_the_same_options():
 def test_export_takes_every_format_that_there_is():
     tables = get_args(formats.Format)
     done = nrs("export", "a.mcap", "-o", "a", "--format", "json")
-    assert f"--format: expected {', '.join(tables)} or ssp, got 'json'" in done.stderr
+    assert f"--format: expected {', '.join(tables)}, nc or ssp, got 'json'" in done.stderr

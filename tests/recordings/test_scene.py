@@ -13,14 +13,11 @@ from typer.testing import CliRunner
 from nrs_cosim.orchestrator.cli.main import app
 from nrs_cosim.orchestrator.engine.in_process import in_process
 from nrs_cosim.orchestrator.engine.run import run
-from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.export.scene_layout import scene_layout
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.recordings.made_up_runs import recorded
-from tests.scenarios import SCENARIOS
-
-LOSSY = SCENARIOS / "paper_lossy_links.toml"
+from tests.scenarios import example
 
 
 def decoded(path: Path, topic: str) -> list[tuple[int, Any]]:
@@ -47,11 +44,9 @@ def labels(scene: Path) -> dict[str, str]:
 @pytest.fixture(scope="module")
 def lossy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The recording of a short run with faults on its links."""
-    text = LOSSY.read_text().replace("duration = 30.0", "duration = 3.0")
-    file = tmp_path_factory.mktemp("lossy") / "lossy.toml"
-    file.write_text(text)
-    experiment = read_scenario(file)
-    return run(experiment, file.with_suffix(".mcap"), in_process(experiment)).path
+    experiment = example("paper_lossy_links", {"run.duration": 3.0})
+    path = tmp_path_factory.mktemp("lossy") / "lossy.mcap"
+    return run(experiment, path, in_process(experiment)).path
 
 
 def test_errors_and_link_events_are_beside_the_arms(lossy: Path) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from nrs_cosim.orchestrator.engine.run import run
-from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.report import print as printed
 from nrs_cosim.recordings.report.data import SHARES
@@ -18,7 +17,7 @@ from nrs_cosim.recordings.report.network import drawn
 from nrs_cosim.recordings.report.page import page_data
 from tests.recordings.made_up_runs import recorded as recorded_run
 from tests.report.conftest import story
-from tests.scenarios import SCENARIOS
+from tests.scenarios import example
 
 EYES = {
     "all colours": np.eye(3),
@@ -132,9 +131,7 @@ def test_a_network_of_many_robots_is_a_matrix_with_a_mark_a_link(recorded):
 
 
 def test_links_of_a_network_that_changes_are_shown_by_phase(folder):
-    text = (SCENARIOS / "switching.toml").read_text().replace("duration = 30.0", "duration = 3.0")
-    (folder / "switching.toml").write_text(text)
-    file = read_scenario(folder / "switching.toml")
+    file = example("switching", {"run.duration": 3.0})
     of = story(run(file, folder / "switching.mcap").path)
     (data,) = page_data([of])["runs"]
     found = re.findall(r'data-nodes="(\d) (\d)" data-phases="([\d ]+)"', data["network"])
