@@ -37,7 +37,9 @@ FmuOutput = Annotated[
     Path, typer.Option("-o", "--output", metavar="FILE.fmu", help="Where the FMU goes.")
 ]
 
-fmu = typer.Typer(no_args_is_help=True, help="The robots' dynamics as FMUs.")
+fmu = typer.Typer(
+    name="fmu", add_completion=False, no_args_is_help=True, help="The robots' dynamics as FMUs."
+)
 
 
 @fmu.command("list")

@@ -1,11 +1,14 @@
 """All commands as one group: what each does when it is interrupted, and how its help speaks.
 
 An interrupt is told in a line and is exit status 130; wrong options are told in bounded sentences.
+A command, and the module that declares it, is loaded when it is asked for, all of them for help.
 """
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
+from importlib import import_module
 from typing import Any
 
 import typer
@@ -20,6 +23,28 @@ from nrs_cosim.orchestrator.terminal import say
 
 UsageError: Any = typer.BadParameter.__base__
 """Of click, or of Typer's own copy of it; only its subclass has a public name."""
+
+_MODULE_OF: Mapping[str, str] = {
+    "run": "run_commands",
+    "resume": "run_commands",
+    "worker": "run_commands",
+    "replay": "replay_commands",
+    "diff": "replay_commands",
+    "report": "report_commands",
+    "convert": "convert_commands",
+    "design": "design_commands",
+    "sweep": "study_commands",
+    "info": "recording_commands",
+    "export": "recording_commands",
+    "recover": "recording_commands",
+    "scene": "recording_commands",
+    "check": "check_commands",
+    "doctor": "setup_commands",
+    "schema": "setup_commands",
+    "fmu": "fmu_commands",
+    "study": "study_commands",
+}
+"""What declares each command, in the order of the help."""
 
 _WORD = r"'([^']*)'"
 _CHOICE = re.compile(
@@ -58,16 +83,48 @@ def _nothing(ctx: Any) -> None:
     """Return no type."""
 
 
+def _prepare(command: Any) -> Any:
+    """Return a command, as it and those below it are called and shown here."""
+    waiting = [command]
+    for one in waiting:
+        one.get_params = _without_types(one.get_params)
+        one.invoke = _with_rules(one.invoke)
+        waiting += getattr(one, "commands", {}).values()
+    return command
+
+
+class _OnDemand(Mapping[str, Any]):
+    """Commands by their names; each is loaded when it is first asked for."""
+
+    def __init__(self) -> None:
+        self._load = cache(_loaded)
+
+    def __getitem__(self, name: str) -> Any:
+        return self._load(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_MODULE_OF)
+
+    def __len__(self) -> int:
+        return len(_MODULE_OF)
+
+
+def _loaded(name: str) -> Any:
+    """Return a command; `KeyError` where there is none of this name."""
+    declared = getattr(import_module(f"{__package__}.{_MODULE_OF[name]}"), name)
+    if not isinstance(declared, typer.Typer):
+        declared, function = typer.Typer(add_completion=False), declared
+        declared.command(name)(function)
+    return _prepare(typer.main.get_command(declared))
+
+
 class Commands(TyperGroup):
     """All commands; each says so when it is interrupted."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        waiting: list[Any] = [self]
-        for command in waiting:
-            command.get_params = _without_types(command.get_params)
-            command.invoke = _with_rules(command.invoke)
-            waiting += getattr(command, "commands", {}).values()
+        _prepare(self)
+        self.commands: Any = _OnDemand()
 
     def invoke(self, ctx: Any) -> Any:
         """Call the command that was given."""

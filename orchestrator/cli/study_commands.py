@@ -20,7 +20,12 @@ from nrs_cosim.orchestrator.cli.options import (
 )
 from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json
 
-study = typer.Typer(no_args_is_help=True, help="Studies: many runs of one scenario.")
+study = typer.Typer(
+    name="study",
+    add_completion=False,
+    no_args_is_help=True,
+    help="Studies: many runs of one scenario.",
+)
 
 StudyPath = Annotated[Path, typer.Argument(metavar="DIR", help="A study's folder.")]
 
