@@ -7,14 +7,17 @@ import os
 import sys
 from collections.abc import Mapping
 from functools import lru_cache, partial
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.algorithm import Algorithm, Missing
 from nrs_cosim.estimator_agents.parameters import Parameter, declared_parameters
 from nrs_cosim.estimator_agents.plugins import ThirdParty, loaded
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 GROUP = "nrs.algorithms"
 BUNDLED = {
@@ -37,7 +40,12 @@ BUNDLED = {
 
 def algorithm_names() -> tuple[str, ...]:
     """Return the names of all installed algorithms."""
-    return tuple(sorted({entry.name for entry in _entries()}))
+    return tuple(sorted({*BUNDLED, *(entry.name for entry in _others())}))
+
+
+def is_installed(name: str) -> bool:
+    """Return whether there is an algorithm of this name."""
+    return name in BUNDLED or any(entry.name == name for entry in _others())
 
 
 def bundled_algorithms() -> tuple[str, ...]:
@@ -50,17 +58,14 @@ def load_algorithm(name: str, parameters: Mapping[str, Any]) -> Algorithm:
 
     Raises `InputError` if there is none of that name, or it does not take them.
     """
-    entry = _entry(name)
-    build: Any = entry.load() if _is_ours(entry) else partial(ThirdParty.built, entry)
+    build: Any = _bundled(name) or partial(ThirdParty.built, _entry(name))
     algorithm: Algorithm = build(**parameters)
     return algorithm
 
 
 def algorithm_class(name: str) -> type[Algorithm]:
     """Return the class of an installed algorithm; `InputError` if there is none of that name."""
-    entry = _entry(name)
-    kind: type[Algorithm] = entry.load() if _is_ours(entry) else loaded(entry)
-    return kind
+    return _bundled(name) or loaded(_entry(name))
 
 
 def parameters_of(name: str) -> tuple[Parameter, ...]:
@@ -87,12 +92,17 @@ def takes_separate_graphs(name: str) -> bool:
     return algorithm_class(name).SEPARATE_GRAPHS
 
 
-def _is_ours(entry: EntryPoint) -> bool:
-    return entry.module.rpartition(".")[0] == __package__
+def _bundled(name: str) -> type[Algorithm] | None:
+    """Return the class of one that is here, without a look at what else is installed."""
+    if name not in BUNDLED:
+        return None
+    module, _, kind = BUNDLED[name].partition(":")
+    found: type[Algorithm] = getattr(import_module(f"{__package__}.{module}"), kind)
+    return found
 
 
-def _entry(name: str) -> EntryPoint:
-    found = next((entry for entry in _entries() if entry.name == name), None)
+def _entry(name: str) -> "EntryPoint":
+    found = next((entry for entry in _others() if entry.name == name), None)
     if found is None:
         raise InputError(
             f"algorithm.name: expected one of {', '.join(algorithm_names())}, got {quoted(name)}"
@@ -100,17 +110,18 @@ def _entry(name: str) -> EntryPoint:
     return found
 
 
-def _entries() -> tuple[EntryPoint, ...]:
-    """Return what is here, and what is installed: looked for again where a folder has changed."""
-    ours = tuple(
-        EntryPoint(name, f"{__package__}.{place}", GROUP) for name, place in BUNDLED.items()
-    )
-    others = _entries_of(tuple(_packages(path, _changed(path)) for path in sys.path))
-    return ours + tuple(entry for entry in others if entry.name not in BUNDLED)
+def _others() -> "tuple[EntryPoint, ...]":
+    """Return what others install: looked for again where a folder has changed."""
+    found = _entries_of(tuple(_packages(path, _changed(path)) for path in sys.path))
+    return tuple(entry for entry in found if entry.name not in BUNDLED)
 
 
 @lru_cache(maxsize=1)  # every package that is installed is asked, in 10 ms, thrice for a scenario
-def _entries_of(_folders: tuple[tuple[tuple[str, int | None], ...], ...]) -> tuple[EntryPoint, ...]:
+def _entries_of(
+    _folders: tuple[tuple[tuple[str, int | None], ...], ...],
+) -> "tuple[EntryPoint, ...]":
+    from importlib.metadata import entry_points  # noqa: PLC0415 (9 ms, not for those here)
+
     return tuple(entry_points(group=GROUP))
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Annotated
 from zipfile import ZipFile
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from nrs_cosim.plant_fmu.errors import FmuError
 
@@ -27,7 +27,7 @@ class Joint:
     unit: Annotated[str, Field(pattern="^(rad|m|)$")]
 
 
-_LIST = TypeAdapter(tuple[Joint, ...])
+_LIST = TypeAdapter(tuple[Joint, ...], config=ConfigDict(defer_build=True))
 
 
 def read_joints(archive: ZipFile, label: str) -> tuple[Joint, ...]:

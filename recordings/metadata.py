@@ -53,6 +53,7 @@ _SHOWN = 60
 """Characters of a wrong value."""
 
 _Model = TypeVar("_Model", bound=BaseModel)
+_Root = TypeVar("_Root")
 Whole = Annotated[int, BeforeValidator(lambda text: whole(text) if isinstance(text, str) else text)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Words = Annotated[str, Field(pattern=r"^[^\x00]*$")]
@@ -123,11 +124,17 @@ class AssetRecord(_Record):
     """Of the file that it was made from."""
 
 
-class AssetRecords(RootModel[dict[str, Json[AssetRecord]]]):
+class _ByName(RootModel[_Root]):
+    """A record whose keys are names."""
+
+    model_config = ConfigDict(defer_build=True)
+
+
+class AssetRecords(_ByName[dict[str, Json[AssetRecord]]]):
     """`nrs.assets`."""
 
 
-class UrdfRecords(RootModel[dict[str, Json[tuple[int, ...]]]]):
+class UrdfRecords(_ByName[dict[str, Json[tuple[int, ...]]]]):
     """`nrs.urdfs`."""
 
 

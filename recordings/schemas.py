@@ -38,7 +38,7 @@ _Axis = Annotated[int, Limits(ge=1, le=MOST_NUMBERS)] | Literal["m", "n", "in_de
 class _FieldRecord(BaseModel):
     """What is said of a field; keys that are not known are a later version's."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
+    model_config = ConfigDict(frozen=True, extra="ignore", defer_build=True)
 
     shape: tuple[_Axis, ...]
     truth: str | None = None
@@ -47,7 +47,9 @@ class _FieldRecord(BaseModel):
 
 
 _FIELD: TypeAdapter[_FieldRecord] = TypeAdapter(Json[_FieldRecord])
-_DEGREE: TypeAdapter[int] = TypeAdapter(Annotated[int, Limits(ge=1, le=MOST_NUMBERS)])
+_DEGREE: TypeAdapter[int] = TypeAdapter(
+    Annotated[int, Limits(ge=1, le=MOST_NUMBERS)], config=ConfigDict(defer_build=True)
+)
 
 
 def fields_record(codecs: Codecs) -> dict[str, dict[str, str]]:

@@ -27,7 +27,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted, shortened, storable
-from nrs_cosim.estimator_agents.installed import algorithm_names, parameters_of
+from nrs_cosim.estimator_agents.installed import is_installed, parameters_of
 from nrs_cosim.orchestrator.scenario.assets import Assets
 from nrs_cosim.orchestrator.scenario.resolution import TARGET_FMU
 from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
@@ -284,7 +284,7 @@ def _make_room(table: Any, values: Mapping[Key, Any]) -> None:
 def _drop_parameters(algorithm: Any, name: Any) -> None:
     """Take out parameters of an algorithm that the one of another name does not have."""
     was = algorithm.get("name") if isinstance(algorithm, dict) else None
-    if was not in algorithm_names() or name not in algorithm_names():
+    if not (is_installed(was) and is_installed(name)):
         return
     old, new = ({one.name for one in parameters_of(of)} for of in (was, name))
     for parameter in old - new:

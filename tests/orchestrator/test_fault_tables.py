@@ -54,26 +54,25 @@ def test_the_default_missing_policy_is_the_algorithms_first():
 class Installed:
     """An algorithm's entry point, as an installed package has it."""
 
-    module, value = "others", "others:Other"
+    name, value = "other", "others:Other"
 
-    def __init__(self, missing, name="other"):
-        self.name = name
+    def __init__(self, missing):
         self.load = lambda: type("Other", (FirstOrder,), {"MISSING": missing})
 
 
 @pytest.mark.parametrize("missing", [None, (), ("guess",)])
 def test_an_algorithm_without_a_missing_policy_is_refused(monkeypatch, missing):
-    monkeypatch.setattr(installed, "_entries", lambda: (Installed(missing),))
+    monkeypatch.setattr(installed, "_others", lambda: (Installed(missing),))
     with pytest.raises(InputError, match=r"^algorithm\.name: other: MISSING: expected a tuple of"):
         installed.policies_of("other")
 
 
 def test_an_unknown_missing_policy_is_refused(monkeypatch):
-    monkeypatch.setattr(installed, "_entries", lambda: (Installed(("drop",), "dcea1"),))
+    monkeypatch.setattr(installed, "_others", lambda: (Installed(("drop",)),))
     with pytest.raises(ScenarioError) as error:
-        paper({"algorithm.missing": "hold"})
+        paper({"algorithm.name": "other", "algorithm.missing": "hold"})
     assert str(error.value) == (
-        "paper.toml: algorithm.missing: expected one of drop, which dcea1 knows, got 'hold'"
+        "paper.toml: algorithm.missing: expected one of drop, which other knows, got 'hold'"
     )
 
 

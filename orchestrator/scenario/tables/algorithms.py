@@ -31,6 +31,7 @@ from nrs_cosim.estimator_agents.errors import AlgorithmError
 from nrs_cosim.estimator_agents.installed import (
     algorithm_class,
     algorithm_names,
+    is_installed,
     load_algorithm,
     parameters_of,
     policies_of,
@@ -76,7 +77,7 @@ class AlgorithmTable(Table):
 
 
 def _installed(name: str) -> str:
-    if name not in algorithm_names():
+    if not is_installed(name):
         raise ValueError(f"one of {', '.join(algorithm_names())}, or one of a package to install")
     return name
 
@@ -105,7 +106,7 @@ class NotInstalled(AlgorithmTable):
 
     def why_not(self) -> InputError:
         """Return what of the recording the algorithm that is installed does not take."""
-        if self.name in algorithm_names():
+        if is_installed(self.name):
             try:
                 table_for({"name": self.name}).model_validate(self.model_dump(exclude_unset=True))
             except ValidationError as error:
@@ -129,7 +130,7 @@ class NotInstalled(AlgorithmTable):
 def table_for(value: Any) -> type[AlgorithmTable]:
     """Return the table that a value of `[algorithm]` is to be, by its name."""
     name = value.get("name") if isinstance(value, dict) else None
-    if not isinstance(name, str) or name not in algorithm_names():
+    if not isinstance(name, str) or not is_installed(name):
         return _Unknown
     kind: Any = algorithm_class(name)
     return _table(name, kind)
