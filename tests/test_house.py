@@ -60,7 +60,7 @@ def test_check_and_info_load_nothing_that_they_do_not_use(tmp_path):
     nrs_cosim.run(scenario, recording).close()
     commands = {
         ("check", PAPER): RUNS | {"mcap", "nrs_cosim.plant_fmu.checking"},
-        ("info", recording): RUNS | {"fmpy", "lxml"},
+        ("info", recording): RUNS | {"fmpy", "lxml", "nrs_cosim.orchestrator.cli.option_groups"},
     }
     program = (
         "import sys; from nrs_cosim.orchestrator.cli.main import command; "
