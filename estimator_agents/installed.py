@@ -8,16 +8,14 @@ import sys
 from collections.abc import Mapping
 from functools import lru_cache, partial
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.algorithm import Algorithm, Missing
 from nrs_cosim.estimator_agents.parameters import Parameter, declared_parameters
 from nrs_cosim.estimator_agents.plugins import ThirdParty, loaded
-
-if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
 
 GROUP = "nrs.algorithms"
 BUNDLED = {
@@ -101,7 +99,7 @@ def _bundled(name: str) -> type[Algorithm] | None:
     return found
 
 
-def _entry(name: str) -> "EntryPoint":
+def _entry(name: str) -> EntryPoint:
     found = next((entry for entry in _others() if entry.name == name), None)
     if found is None:
         raise InputError(
@@ -110,7 +108,7 @@ def _entry(name: str) -> "EntryPoint":
     return found
 
 
-def _others() -> "tuple[EntryPoint, ...]":
+def _others() -> tuple[EntryPoint, ...]:
     """Return what others install: looked for again where a folder has changed."""
     found = _entries_of(tuple(_packages(path, _changed(path)) for path in sys.path))
     return tuple(entry for entry in found if entry.name not in BUNDLED)
@@ -119,9 +117,7 @@ def _others() -> "tuple[EntryPoint, ...]":
 @lru_cache(maxsize=1)  # every package that is installed is asked, in 10 ms, thrice for a scenario
 def _entries_of(
     _folders: tuple[tuple[tuple[str, int | None], ...], ...],
-) -> "tuple[EntryPoint, ...]":
-    from importlib.metadata import entry_points  # noqa: PLC0415 (9 ms, not for those here)
-
+) -> tuple[EntryPoint, ...]:
     return tuple(entry_points(group=GROUP))
 
 

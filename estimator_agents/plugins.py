@@ -6,8 +6,9 @@ The line names the algorithm, how it was called, the exception, and the place in
 import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import EntryPoint
 from math import inf
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -29,13 +30,10 @@ from nrs_cosim.estimator_agents.now import Now
 from nrs_cosim.estimator_agents.received import Received
 from nrs_cosim.estimator_agents.values import Array, Values
 
-if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
-
 T = TypeVar("T")
 
 
-def loaded(entry: "EntryPoint") -> type[Algorithm]:
+def loaded(entry: EntryPoint) -> type[Algorithm]:
     """Return the class of an entry point; `AlgorithmError` where that is no class of algorithms."""
     what = f"{entry.name} from {quoted(entry.value)}"
     kind: Any = _done(what, None, entry.load)
@@ -57,7 +55,7 @@ class ThirdParty(Algorithm):
     """The algorithm itself."""
 
     @classmethod
-    def built(cls, entry: "EntryPoint", /, **parameters: Any) -> Self:
+    def built(cls, entry: EntryPoint, /, **parameters: Any) -> Self:
         """Return an entry point's algorithm with its parameters."""
         kind = loaded(entry)
         given = f"{entry.name}({', '.join(parameters)})"

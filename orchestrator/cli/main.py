@@ -7,7 +7,6 @@ A module `*_commands` declares commands and their options, and is loaded when on
 for; what it does is loaded when it is called, for a user waits for all that is loaded.
 """
 
-import gc
 import logging
 from errno import ENAMETOOLONG
 from functools import cache
@@ -20,9 +19,6 @@ from nrs_cosim.orchestrator.cli.group import Commands
 from nrs_cosim.orchestrator.exit_status import BAD_INPUT, FAILED
 from nrs_cosim.orchestrator.logs import Level, log_to_standard_error
 from nrs_cosim.orchestrator.terminal import Warnings, out, say
-
-COLLECTED = 100_000
-"""New objects between searches for garbage: what is loaded stays, and is not searched each time."""
 
 app = typer.Typer(
     name="nrs",
@@ -73,7 +69,6 @@ def command() -> Any:
 
 def main() -> None:
     """Run the command line and exit with its status."""
-    gc.set_threshold(COLLECTED)
     logging.getLogger("nrs").handlers = [Warnings(logging.WARNING)]
     try:
         command()()

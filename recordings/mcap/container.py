@@ -22,10 +22,9 @@ from typing import Literal
 from mcap import records as mcap
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.writer import MCAP0_MAGIC
 
 PROFILE = "nrs"
-MAGIC = MCAP0_MAGIC
+MAGIC = b"\x89MCAP0\r\n"
 BEGIN, END = "nrs.begin", "nrs.end"
 END_FIELDS = frozenset({"status", "reason", "digest", "ticks", "messages", "sha256"})
 PART = "part_of"
