@@ -284,7 +284,7 @@ def _make_room(table: Any, values: Mapping[Key, Any]) -> None:
 def _drop_parameters(algorithm: Any, name: Any) -> None:
     """Take out parameters of an algorithm that the one of another name does not have."""
     was = algorithm.get("name") if isinstance(algorithm, dict) else None
-    if not (is_installed(was) and is_installed(name)):
+    if not (isinstance(was, str) and is_installed(was) and is_installed(name)):
         return
     old, new = ({one.name for one in parameters_of(of)} for of in (was, name))
     for parameter in old - new:
