@@ -21,10 +21,10 @@ from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.bus.topologies import TopologySchedule
-from nrs_cosim.estimator_agents.algorithm import Algorithm, jumps
 from nrs_cosim.estimator_agents.target import Harmonic
-from nrs_cosim.estimator_agents.theory.recursion import linear_jump
+from nrs_cosim.estimator_agents.values import Values
 from nrs_cosim.orchestrator.engine.plants import Group, group_by_archive
+from nrs_cosim.orchestrator.export.law import AgentLaw, law_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.plant_fmu.bundled.declaration import Declaration, bundled_models
 from nrs_cosim.plant_fmu.bundled.model_description import element_names
@@ -37,6 +37,9 @@ from nrs_cosim.plant_fmu.bundled.sampled import (
     build_target,
     built_equations,
     bundled_equations,
+    initial_name,
+    kept_name,
+    received_name,
 )
 from nrs_cosim.plant_fmu.drives.choice import choose
 from nrs_cosim.plant_fmu.drives.reference_driven import start_values
@@ -47,10 +50,9 @@ from nrs_cosim.plant_fmu.plants import Body
 
 Array = NDArray[np.float64]
 STATE = ("q", "qd")
-RECEIVED = tuple(f"received_{sample}" for sample in SAMPLE)
 MOST_DIGRAPHS = 100
 """In turn, of which an agent has the weights: two numbers for each and each in-neighbour."""
-STARTS = {name: f"{name}_start" for name in (*SAMPLE, *STATE)}
+STARTS = {name: f"{name}_start" for name in STATE}
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,29 +89,32 @@ def system_of(experiment: Experiment, ticks: int) -> System:
     `InputError` names the fields for which it can be none.
     """
     _expect_none(_wrong(experiment), experiment.name)
-    jump = linear_jump(experiment.algorithm)
-    assert jump is not None
+    law = _law(experiment)
     clock, schedule = experiment.clock, experiment.topologies
     assert clock.period is not None
     names = node_names(experiment.n)
     groups = {row + 1: group for group in group_by_archive(experiment) for row in group.rows}
     unit = groups[1].joints(experiment.bodies([1])[0].parameters)[0].unit
     whole = len({joint.unit for g in groups.values() for joint in g.joints()}) == 1
-    components = [_target(names[0], experiment, ticks, unit if whole else "")]
+    components = [_target(names[0], experiment, ticks, unit if whole else "", law)]
     connections: list[Connection] = []
     for body in experiment.bodies():
-        built, values = _robot(body, groups[body.robot], schedule, jump, seconds(clock.period))
+        starts = experiment.initial_state([body.robot])
+        built, values = _robot(body, groups[body.robot], schedule, law, starts)
+        sent = [kept_name(name) for name in law.fields.sent]
+        inputs = [received_name(name) for name in law.fields.sent]
+        outputs = (*dict.fromkeys((*SAMPLE, *sent)), *STATE)
         components.append(
-            _component(names[body.robot], built, values, inputs=RECEIVED, outputs=(*SAMPLE, *STATE))
+            _component(names[body.robot], built, values, inputs=inputs, outputs=outputs)
         )
         for place, source in enumerate(schedule.links.in_neighbours(body.robot), 1):
-            for sample in SAMPLE:
+            for sample, given in zip(sent if source else law.truths, inputs, strict=True):
                 connections += [
                     (
                         names[source],
                         f"{sample}[{i}]",
                         names[body.robot],
-                        f"received_{sample}[{place},{i}]",
+                        f"{given}[{place},{i}]",
                     )
                     for i in range(1, experiment.m + 1)
                 ]
@@ -121,23 +126,16 @@ def system_of(experiment: Experiment, ticks: int) -> System:
         connections,
         seconds(step),
         seconds(clock.t(ticks)),
-        _is_exact(experiment.algorithm, jump),
+        law.exact,
     )
 
 
 def agent_of(experiment: Experiment, robot: int, fmi: int) -> Built:
     """Return a robot's agent alone, its parameters as starts; `InputError` as `system_of`."""
     _expect_none(_wrong_network(experiment), experiment.name)
-    jump = linear_jump(experiment.algorithm)
-    assert jump is not None
-    assert experiment.clock.period is not None
-    schedule, estimate = experiment.topologies, experiment.initial_estimates([robot])
-    values = {
-        **_agent(robot, schedule, jump, seconds(experiment.clock.period)),
-        STARTS["position"]: estimate.position[0],
-        STARTS["velocity"]: estimate.velocity[0],
-    }
-    return build_agent(experiment.m, *_sizes(robot, schedule), fmi, values)
+    law, schedule = _law(experiment), experiment.topologies
+    values = _agent(robot, schedule, law, experiment.initial_state([robot]))
+    return build_agent(experiment.m, *_sizes(robot, schedule), fmi, values, law.fields)
 
 
 def node_names(n: int) -> list[str]:
@@ -146,7 +144,7 @@ def node_names(n: int) -> list[str]:
 
 
 def _robot(
-    body: Body, group: Group, schedule: TopologySchedule, jump: tuple[Array, Array], h: float
+    body: Body, group: Group, schedule: TopologySchedule, law: AgentLaw, initial_state: Values
 ) -> tuple[Built, dict[str, Any]]:
     archive = group.archive
     sizes = sizes_of(assignments(archive, body.parameters))
@@ -161,7 +159,7 @@ def _robot(
         units = {joint.unit for joint in group.joints(body.parameters)}
         unit = units.pop() if len(units) == 1 else ""
         equations = built_equations(archive.name, archive.path, len(body.q), unit)
-    built = build_robot(equations, *_sizes(body.robot, schedule), structural)
+    built = build_robot(equations, *_sizes(body.robot, schedule), structural, law.fields)
     (limited,) = within_efforts(archive, [body])
     given = start_values(limited, archive, group.names)
     inputs = {v.name for v in built.declaration.of_kind("input")}
@@ -170,9 +168,7 @@ def _robot(
     return built, {
         **own,
         **starts,
-        **_agent(body.robot, schedule, jump, h),
-        STARTS["position"]: body.position,
-        STARTS["velocity"]: body.velocity,
+        **_agent(body.robot, schedule, law, initial_state),
     }
 
 
@@ -182,11 +178,10 @@ def _sizes(robot: int, schedule: TopologySchedule) -> tuple[int, int]:
 
 
 def _agent(
-    robot: int, schedule: TopologySchedule, jump: tuple[Array, Array], h: float
+    robot: int, schedule: TopologySchedule, law: AgentLaw, initial_state: Values
 ) -> dict[str, Any]:
-    keep, gain = jump
-    received, digraphs = _sizes(robot, schedule)
-    weights = np.zeros((len(SAMPLE), digraphs, received))
+    in_neighbours, digraphs = _sizes(robot, schedule)
+    weights = np.zeros((len(SAMPLE), digraphs, in_neighbours))
     for at, exchange in enumerate(schedule.exchanges):
         for of, digraph in enumerate((exchange.position, exchange.velocity)):
             places = np.searchsorted(
@@ -198,24 +193,30 @@ def _agent(
         "velocity_weight": weights[1],
         "since": np.array(schedule.since),
         "repeat": schedule.repeat or 0,
-        "keep": keep,
-        "gain": gain,
-        "sampling_period": h,
+        "keep": law.keep,
+        "gain": law.gain,
+        "sampling_period": law.h,
+        **{initial_name(name): initial_state[name][0] for name in law.fields.kept},
     }
 
 
-def _target(name: str, experiment: Experiment, ticks: int, unit: str) -> Component:
+def _target(name: str, experiment: Experiment, ticks: int, unit: str, law: AgentLaw) -> Component:
     target, clock = experiment.target, experiment.clock
+    truths = tuple(dict.fromkeys((*SAMPLE, *law.truths)))
     if not isinstance(target, Harmonic):
         times = [seconds(clock.t(k)) for k in range(ticks + 1)]
         at = target.at(times)
-        built = build_sampled_target(np.hstack([at.position, at.velocity]), times[1], unit)
-        return _component(name, built, {}, inputs=(), outputs=SAMPLE)
+        samples = [at.position, at.velocity]
+        if "acceleration" in truths:
+            samples.append(target.acceleration(times))
+        built = build_sampled_target(np.hstack(samples), times[1], unit, truths)
+        return _component(name, built, {}, inputs=(), outputs=truths)
     m, terms = target.amplitude.shape
     values = {key: getattr(target, key) for key in ("offset", "rate")}
     if terms:
         values |= {key: getattr(target, key) for key in ("amplitude", "frequency", "phase")}
-    return _component(name, build_target(m, terms, unit), values, inputs=(), outputs=SAMPLE)
+    built = build_target(m, terms, unit, truths)
+    return _component(name, built, values, inputs=(), outputs=truths)
 
 
 def _component(
@@ -242,17 +243,18 @@ def _elements(declared: Declaration, name: str) -> Sequence[str]:
     return element_names(declared.variable(name))
 
 
-def _is_exact(algorithm: Algorithm, jump: tuple[Array, Array]) -> bool:
-    """Whether K x + G d, as C adds it up, is what the algorithm computes, to the last bit."""
-    from nrs_cosim.estimator_agents.estimate import Disagreement, Estimate  # noqa: PLC0415
+def _law_of(experiment: Experiment) -> AgentLaw | str:
+    """Return the algorithm's law, whose sampling times are periodic, or why it has none."""
+    clock, exchanges = experiment.clock, experiment.topologies.exchanges
+    assert clock.period is not None
+    apart = any(exchange.has_two_digraphs for exchange in exchanges)
+    return law_of(experiment.algorithm, experiment.sizes, seconds(clock.period), apart)
 
-    p, u, dp, du = np.random.Generator(np.random.Philox(4)).normal(size=(4, 4096))
-    after = algorithm.jump(Estimate(p, u), Disagreement(dp, du))
-    keep, gain = jump
-    return all(
-        np.array_equal(found, (k[0] * p + k[1] * u) + (g[0] * dp + g[1] * du))
-        for found, k, g in zip((after.position, after.velocity), keep, gain, strict=True)
-    )
+
+def _law(experiment: Experiment) -> AgentLaw:
+    law = _law_of(experiment)
+    assert isinstance(law, AgentLaw)  # else it is refused
+    return law
 
 
 def _wrong(experiment: Experiment) -> Iterator[str]:
@@ -277,22 +279,17 @@ def _wrong(experiment: Experiment) -> Iterator[str]:
 
 def _wrong_network(experiment: Experiment) -> Iterator[str]:
     """Yield for which fields agents and their links are no FMUs and connections."""
-    schedule, algorithm = experiment.topologies, experiment.algorithm
+    schedule = experiment.topologies
     name = experiment.scenario.algorithm.name
     if experiment.clock.period is None:
         yield "run: sampling times are aperiodic; engines step by equal steps, and would miss them"
+    elif isinstance(why := _law_of(experiment), str):
+        yield f"algorithm.name: {name} {why}"
     if len(schedule.exchanges) > MOST_DIGRAPHS:
         many = f"{len(schedule.exchanges)} digraphs come in turn"
         yield f"network: {many}; an agent has parameters for {MOST_DIGRAPHS} at most"
     if experiment.links is not None or experiment.byzantine:
         yield "faults: links and robots alter, lose or delay samples; a connection does not"
-    if not jumps(algorithm):
-        yield (
-            f"algorithm.name: {name} does more than jump by the disagreement, which "
-            "is all that K and G say"
-        )
-    elif linear_jump(algorithm) is None:
-        yield f"algorithm.name: {name} does not jump linearly: there is no K and G"
 
 
 def _expect_none(faults: Iterator[str], name: str) -> None:

@@ -9,9 +9,10 @@ void plant_start(Values *values)
     (void)values;
 }
 
-void plant_follow(Instance *self, const double position[M], const double velocity[M])
+void plant_follow(Instance *self, const double position[M], const double velocity[M],
+                  const double *acceleration)
 {
-    (void)self, (void)position, (void)velocity;
+    (void)self, (void)position, (void)velocity, (void)acceleration;
 }
 
 void plant_lose(Values *values)

@@ -12,12 +12,15 @@ void plant_start(Values *values)
     }
 }
 
-void plant_follow(Instance *self, const double position[M], const double velocity[M])
+void plant_follow(Instance *self, const double position[M], const double velocity[M],
+                  const double *acceleration)
 {
     Values *values = &self->state.values;
     for (int i = 0; i < M; ++i) {
         values->position_ref[i] = position[i];
         values->velocity_ref[i] = velocity[i];
+        if (acceleration)
+            values->acceleration_ref[i] = acceleration[i];
     }
     values->reference_time = values->time;
     self->state.derivatives_are_current = false;

@@ -4,6 +4,7 @@
 
 #include "model.h"
 #include "samples.h"
+#include "truths.h"
 
 static const double SLACK = 1e-6; /* of h, that is rounding */
 
@@ -14,5 +15,8 @@ void model_outputs(Values *v)
     for (int i = 0; i < M; ++i) {
         v->position[i] = sample[i];
         v->velocity[i] = sample[M + i];
+#ifdef ACCELERATED
+        v->acceleration[i] = sample[2 * M + i];
+#endif
     }
 }
