@@ -34,6 +34,7 @@ def test_format_lint_and_imports_pass(command):
             "nrs_cosim.orchestrator.analysis.comparison",
             {"fmpy", "scipy", "zenoh"},
         ),
+        ("nrs_cosim.orchestrator.cli.terminal_run", {"scipy", "tomlkit"}),
         ("nrs_cosim.orchestrator.engine.summary", {"fmpy", "scipy", "tomlkit", "zenoh"}),
         (
             "nrs_cosim.orchestrator.cluster.worker_main",

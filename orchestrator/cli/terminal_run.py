@@ -4,6 +4,7 @@ import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import inf
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -33,7 +34,6 @@ from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.exit_status import DONE, FAILED, INTERRUPTED
 from nrs_cosim.orchestrator.replay.verify import expect_same_types
-from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import changed
 from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
@@ -41,6 +41,9 @@ from nrs_cosim.orchestrator.terminal import err, out, print_json, say
 from nrs_cosim.recordings.mcap.container import Compression, Message
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.schemas import about
+
+if TYPE_CHECKING:
+    from nrs_cosim.orchestrator.scenario.changes import Change  # it loads tomlkit
 
 KEPT = 0.95
 """Of the pace that was asked for: what is slower did not keep it."""
@@ -203,7 +206,7 @@ CONTINUED = (
 def resumable(
     reader: Reader,
     output: Path | None,
-    changes: Sequence[Change] = (),
+    changes: "Sequence[Change]" = (),
     *,
     allow_fmus: bool = False,
     compiling: bool = False,
@@ -236,7 +239,7 @@ def resumable(
     return experiment
 
 
-def _continued(reader: Reader, changes: Sequence[Change]) -> Experiment:
+def _continued(reader: Reader, changes: "Sequence[Change]") -> Experiment:
     """Return a recording's experiment with changes that leave what is recorded as it is."""
     experiment = experiment_of(reader)
     if not changes:
