@@ -134,7 +134,7 @@ robots' `q` and `qd`. Every engine must come to these numbers, {digits}, with st
     execution = CosimExecution.from_ssp_file("this.ssp")
     execution.step()
 
-    # FMPy: it takes one set for all, from resources/all.ssv
+    # FMPy: it takes one set for all; first unzip this.ssp resources/all.ssv
     simulate_ssp("this.ssp", stop_time={system.end!r}, step_size={system.step!r},
-                 parameter_set=read_ssv("all.ssv"))
+                 parameter_set=read_ssv("resources/all.ssv"))
 """
