@@ -6,7 +6,7 @@ DATA := recordings/data
 # A command takes a third longer where Python compiles the package each time; tests start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs tutorials gallery demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-scale benchmark-commands benchmark-command performance digests benchmark-peers verify-elsewhere benchmark-studies soak release urdfs figures viewers rerun-picture report-pictures reference paper lint lock clean
+.PHONY: docs tutorials gallery demo test test-all test-fast snapshots mutants fuzz-fmu benchmark anatomy benchmark-parts benchmark-scale benchmark-commands benchmark-command performance digests benchmark-peers verify-elsewhere benchmark-studies soak release urdfs real-fmus figures viewers rerun-picture report-pictures reference paper lint lock clean
 
 demo: .venv/.installed  ## run the paper's example and say how to open the recording
 	@$(BIN)/nrs run scenarios/paper_first_order.toml -o $(DATA)/demo.mcap --force
@@ -78,6 +78,10 @@ release: .venv/.tested  ## build wheel and sdist into dist, and use them in a cl
 urdfs: .venv/.tested  ## build the robots of packages of URDFs, beside Pinocchio: docs/robots.md, in ten minutes
 	$(BIN)/pip download --quiet --disable-pip-version-check --no-deps --dest $(DATA)/urdfs example-robot-data==6.0.0 icub-models==3.2.0 airo-models==0.0.12
 	$(BIN)/python -m tests.urdfs $(DATA)/urdfs > docs/robots.md
+
+real-fmus: .venv/.tested  ## check FMUs that packages bring, as robots: docs/real_fmus.md
+	$(BIN)/pip download --quiet --disable-pip-version-check --no-deps --dest $(DATA)/fmus crane-fmu==0.2.0 gemseo-fmu==3.1.1
+	$(BIN)/python -m tests.fmus $(DATA)/fmus > docs/real_fmus.md
 
 figures: .venv/.installed  ## draw the documents' figures
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[figures]'

@@ -116,9 +116,9 @@ def look_at(path: Path, folder: Path) -> Found:
     except FmuError as error:
         lines = [line.removeprefix(f"{path}: ") for line in str(error).splitlines()]
         return Found(refused="; ".join(line.partition(";")[0] for line in lines))
-    before = _used()
+    before = processor_time()
     fmu = build_urdf(robot)
-    built = _used() - before
+    built = processor_time() - before
     coupled, m = couplings(robot.joints), len(robot.axes)
     names = [joint.name for joint in coupled.moving]
     damping = np.array([joint.damping for joint in coupled.moving])
@@ -133,7 +133,7 @@ def look_at(path: Path, folder: Path) -> Found:
     return Found(cells, error)
 
 
-def _used() -> float:
+def processor_time() -> float:
     """Processor time of this process and those that it has waited for, s."""
     used = (resource.getrusage(of) for of in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(one.ru_utime + one.ru_stime for one in used)
@@ -164,12 +164,12 @@ def _interval(robot: UrdfRobot, fmu: Path, gain: np.ndarray) -> float:
         try:
             plants = open_plants(stack, open_archive(fmu), [body], {})
             plants.advance(0.0, STEP)
-            before = _used()
+            before = processor_time()
             for k in range(1, INTERVALS + 1):
                 plants.advance(k * STEP, STEP)
         except (FmuError, StepError):
             return float("nan")
-        return (_used() - before) / INTERVALS
+        return (processor_time() - before) / INTERVALS
 
 
 if __name__ == "__main__":
