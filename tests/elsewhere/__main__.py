@@ -21,11 +21,13 @@ RING = {
     "network": {"generator": {"kind": "ring", "n": 100, "pinned": [1]}},
     "algorithm": {"name": "dcea1", "alpha": 0.9, "beta": 0.9},
 }
+THIRD = {"algorithm": {"name": "dcea3", "alpha": 0.9, "beta": 0.8, "gamma": 0.7}}
 TRACK = {"kind": "sampled", "times": [0.0, 20.0, 60.0], "positions": [[0, 0], [9, -4], [3, 5]]}
 PAPER = "paper_first_order"
 RUNS = {
     "paper": (PAPER, {}),
     "ring": (PAPER, RING),
+    "third_order": (PAPER, THIRD),
     "switching": ("switching", {}),
     "hetero_information": ("hetero_information", {}),
     "sampled": (PAPER, {"target": TRACK}),
