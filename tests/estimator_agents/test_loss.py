@@ -203,7 +203,7 @@ def test_what_does_not_converge_without_losses_has_no_critical_one_and_too_much_
 
 def test_second_moments_are_those_of_many_simulated_runs():
     """All are simulated at once, from what agents keep and what the target sends."""
-    rng, runs, ticks, size = np.random.default_rng(13), 16, 240, 10
+    rng, runs, ticks, size = np.random.default_rng(13), count_of(160, 16), 240, 10
     some = [case for case in cases() if mean_square_radius([stepped(case)]).upper < 0.9]
     assert len(some) > CASES // 3
     outcomes = max(len(case[-1]) for case in some)
