@@ -96,6 +96,19 @@ class TopologySchedule:
         """(p,) the robots that receive from the target at some t_k, ascending."""
         return self.links.pinned
 
+    def edges_until(self, ticks: int) -> int:
+        """Return over how many edges samples travel at t_1 … t_ticks, in all."""
+        edges = [len(united(_digraphs([exchange])).source) for exchange in self.exchanges]
+
+        def within(last: int) -> int:
+            """Of the ticks 1 … last of a turn."""
+            ends = (*self.since[1:], last + 1)
+            spans = zip(edges, self.since, ends, strict=True)
+            return sum(count * max(min(end, last + 1) - first, 0) for count, first, end in spans)
+
+        turns, rest = divmod(ticks, self.repeat) if self.repeat else (0, ticks)
+        return turns * within(self.repeat or 0) + within(rest)
+
     def phases(self) -> list[tuple[int, int]]:
         """Return exchange and number of ticks of each turn of one period, in order."""
         if not self.repeat:

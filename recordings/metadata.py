@@ -38,6 +38,8 @@ SPENT, REJECTED, CAUSE, SAMPLES = "spent", "rejected", "cause", "samples"
 run early."""
 MEASURED = "measured"
 """Is said at the end of a run that came to it, as JSON: the steady state that was measured."""
+LINKS = "links"
+"""Is said at the end of a run that has link events, as JSON: how many samples met what."""
 PARENT = "nrs.parent"
 """The metadata record of a recording that came from another by a change."""
 SCENARIO = "scenario.toml"
@@ -153,6 +155,23 @@ class MeasuredRecord(_Record):
     size: _Measured
 
 
+_Count = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+class LinkRecord(_Record):
+    """How many samples met what on links; see `recordings.link_counts`."""
+
+    lost: _Count
+    outage: _Count
+    late: _Count
+    duplicated: _Count
+    altered: _Count
+    latest: _Count
+    """By how many sampling periods the latest was late."""
+    silent: dict[Annotated[int, Field(ge=1)], tuple[_Count, _Count, Annotated[_Count, Field(ge=1)]]]
+    """Of each robot that was in an outage its first and last tick there, and how many it had."""
+
+
 class EndRecord(_Record):
     """`nrs.end`."""
 
@@ -168,6 +187,7 @@ class EndRecord(_Record):
     """Of what was recovered: the digest of all of the run, empty if unknown."""
     rejected: Json[dict[str, Annotated[int, Field(ge=0)]]] | None = None
     measured: Json[MeasuredRecord] | None = None
+    links: Json[LinkRecord] | None = None
     samples: Annotated[Whole, Field(ge=0)] | None = None
     """How many of the messages are samples of robots."""
 

@@ -69,10 +69,12 @@ class Recorder:
         n: int,
         keep: int,
         take_states: Callable[[Sequence[Records]], None] = lambda _states: None,
+        take_link_events: Callable[[Records], None] = lambda _events: None,
     ) -> None:
         """Write what n robots say over a wire; the samples of `keep` closed ticks stay at hand.
 
-        `take_states` is given the states of each tick, or of some, that is written.
+        `take_states` is given the states of each tick, or of some, that is written, and
+        `take_link_events` what each worker tells of its links, where it tells any.
 
         A batch with a message on a topic that has no channel is refused.
         """
@@ -88,7 +90,7 @@ class Recorder:
         self.checkpoints: dict[int, tuple[int, bytes]] = {}
         """Of each robot the last that is recorded: its tick and its message."""
         self._writer, self._wire, self._keep = writer, wire, keep
-        self._take_states = take_states
+        self._take_states, self._take_link_events = take_states, take_link_events
         self._open: defaultdict[int, _Open] = defaultdict(_Open)
         self._block: TickBlock | None = None
         """Ticks that are not closed yet."""
@@ -169,6 +171,7 @@ class Recorder:
                 parts.append(_columns(self._of_agents_on[kind], records))
             if len(of_worker.link_events):
                 parts.append(_columns(self._link_events_on, of_worker.link_events))
+                self._take_link_events(of_worker.link_events)
             checkpoints += of_worker.checkpoints
         if checkpoints:
             messages = [self._checkpoint(message) for message in checkpoints]
@@ -199,6 +202,8 @@ class Recorder:
         part = columns_of(batch, self._writer.numbers)
         self._put(k, [part], [samples], by_kind["checkpoint"])
         self._take_states([self._wire.states.decode(by_kind["state"])])
+        if met := by_kind["link_event"]:
+            self._take_link_events(self._wire.link_events.decode(met))
 
     def samples(self, since: int, until: int) -> Iterator[tuple[int, Records, str]]:
         """Yield the samples of the ticks since … until that are known: k, records, worker.

@@ -44,6 +44,7 @@ def info(
     from nrs_cosim.orchestrator.cli import summary_text
     from nrs_cosim.orchestrator.cli.progress import reading
     from nrs_cosim.orchestrator.cli.tables import grid
+    from nrs_cosim.orchestrator.engine.link_summary import wrong_links
     from nrs_cosim.orchestrator.engine.summary import experiment_of, wrong_measurement
     from nrs_cosim.recordings.mcap.reader import Reader
 
@@ -51,9 +52,12 @@ def info(
         reading(err) as follow,
         Reader(recording, verify=verifying, watch=follow(recording)) as reader,
     ):
-        result = Result.of(reader, experiment_of(reader))
-        if wrong := wrong_measurement(reader, result.measured):
-            reader.damage.append(wrong)
+        result = Result.of(reader, experiment := experiment_of(reader))
+        wrong = (
+            wrong_measurement(reader, result.measured),
+            wrong_links(reader, experiment, result.described["links"]),
+        )
+        reader.damage += filter(None, wrong)
     if as_json:
         print_json(result.as_json())
         return

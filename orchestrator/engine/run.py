@@ -37,11 +37,21 @@ from nrs_cosim.orchestrator.engine.worker import Spent, Watch, needed
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.recordings.channels import channels, schemas
+from nrs_cosim.recordings.link_counts import LinkCounter
 from nrs_cosim.recordings.mcap.container import Closing, Compression, Message
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.ticks import ticks
 from nrs_cosim.recordings.mcap.writer import Writer
-from nrs_cosim.recordings.metadata import ASSETS, CAUSE, REJECTED, RUN, SAMPLES, SPENT, VERSIONS
+from nrs_cosim.recordings.metadata import (
+    ASSETS,
+    CAUSE,
+    LINKS,
+    REJECTED,
+    RUN,
+    SAMPLES,
+    SPENT,
+    VERSIONS,
+)
 from nrs_cosim.recordings.recorder import Recorder
 from nrs_cosim.recordings.schemas import fields_record
 
@@ -144,8 +154,8 @@ def run(
                 arranging=load_arranging(),
             )
         )
-        fifth = LastFifth(experiment)
-        recorder = Recorder(writer, wire, n, every + 2 * AT_ONCE, fifth.take)
+        fifth, met = LastFifth(experiment), LinkCounter(n)
+        recorder = Recorder(writer, wire, n, every + 2 * AT_ONCE, fifth.take, met.take)
         of_tick = wire.samples.size + wire.states.size * len(clock.outputs(1))
         of_tick += sum(codec.size for codec in wire.of_agents.values())
         lockstep = Lockstep(
@@ -190,6 +200,7 @@ def run(
             REJECTED: json.dumps(rejected),
             SAMPLES: str(recorder.sent),
             **(fifth.said() if status == "completed" else {}),
+            **({LINKS: met.found().model_dump_json()} if faulty else {}),
         }
         if cause:
             extra[CAUSE] = json.dumps(asdict(cause))

@@ -9,6 +9,7 @@ from typing import Any
 from nrs_cosim.bus.clock import NS_PER_S
 from nrs_cosim.bus.plurals import count_of, numbered
 from nrs_cosim.bus.text import storable
+from nrs_cosim.orchestrator.engine.link_summary import links_line, links_of
 from nrs_cosim.orchestrator.scenario.assets import Asset
 from nrs_cosim.orchestrator.scenario.conversion import control
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -57,6 +58,7 @@ def describe(reader: Reader, experiment: Experiment) -> dict[str, Any]:
             for field, asset in about.assets.items()
         },
         "measured": "stored" if stored_measurement(reader, experiment) else "from messages",
+        "links": links_of(reader, experiment),
         "saturation": _saturation(reader, experiment),
         "versions": dict(about.versions),
         "damage": reader.damage,
@@ -128,6 +130,7 @@ def lines(summary: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
         **({"assets": _assets(summary["assets"])} if summary["assets"] else {}),
         "ticks": f"{summary['ticks']} of {summary['ticks_planned']}, t = {summary['duration']:g} s",
         "messages": f"{summary['messages']}{_sent(summary['samples'])}",
+        **({"links": links_line(summary["links"])} if summary["links"] else {}),
         "estimates": _suprema(
             ("eps - eps_0|inf", measured.position_estimate),
             ("ups - ups_0|inf", measured.velocity_estimate),

@@ -27,6 +27,7 @@ from nrs_cosim.recordings.export.tables import (
     robots,
     rows_of,
 )
+from nrs_cosim.recordings.link_counts import kinds
 from nrs_cosim.recordings.mcap.container import END_FIELDS, Status
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import SteadyState, at_sampling_times, steady_state
@@ -42,9 +43,6 @@ MOST_NUMBERS = 12
 """Of a field that is no joints' each of which is drawn."""
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Of robots, at or below the edges of bands."""
-KINDS = ("lost", "outage", "late", "duplicated", "altered")
-"""What a link may do to a sample: the first that is true; an altered one is noisy, rounded or
-a lie."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +61,7 @@ class LinkEvents:
     source: NDArray[np.int64]
     robot: NDArray[np.int64]
     kind: NDArray[np.int64]
-    """Which of `KINDS`."""
+    """Which of `link_counts.KINDS`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -287,7 +285,5 @@ def _places(reader: Reader, grid: NDArray[np.int64], times: NDArray[np.int64]) -
 
 def _met(table: NDArray[np.void]) -> NDArray[np.int64]:
     """Return k, source, robot and kind of faults, (4, rows)."""
-    counts = ("lost", "outage", "delay", "duplicates")
-    there = [table[name] > 0 for name in counts if name in (table.dtype.names or ())]
-    kind = np.select(there, range(len(there)), KINDS.index("altered"))
-    return np.stack([table["k"], table["source"], table["robot"], kind]).astype(np.int64)
+    found = [table["k"], table["source"], table["robot"], kinds(table)]
+    return np.stack(found).astype(np.int64)

@@ -4,8 +4,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from nrs_cosim.recordings.link_counts import KINDS
 from nrs_cosim.recordings.report.curves import TARGET, Curve, Figure, Panel
-from nrs_cosim.recordings.report.data import KINDS, LinkEvents, Story
+from nrs_cosim.recordings.report.data import LinkEvents, Story
 
 _LOOKS = {
     "altered": ("noisy, rounded or a lie", 7, 1.0),

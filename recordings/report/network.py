@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.topologies import edges_among
-from nrs_cosim.recordings.report.data import KINDS, Story
+from nrs_cosim.recordings.link_counts import KINDS
+from nrs_cosim.recordings.report.data import Story
 
 Array = NDArray[np.float64]
 SIZE, RADIUS = 460.0, 180.0

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from nrs_cosim.bus.plurals import count_of, numbered
-from nrs_cosim.recordings.metadata import MEASURED, SAMPLES
+from nrs_cosim.recordings.metadata import LINKS, MEASURED, SAMPLES
 from nrs_cosim.recordings.report.data import Story
 
 _MEASURED = {
@@ -82,7 +82,7 @@ def counted(story: Story) -> dict[str, str]:
     return counts | {
         name: said
         for key, text in story.ending.items()
-        if key not in {SAMPLES, MEASURED}  # counted with the target's; said above
+        if key not in {SAMPLES, MEASURED, LINKS}  # counted with the target's; said above
         for name, said in _flat(key, text)
     }
 

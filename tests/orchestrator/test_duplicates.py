@@ -7,8 +7,8 @@ from nrs_cosim.orchestrator.replay.verify import verify
 from nrs_cosim.orchestrator.report.subject import story_of
 from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.export.formats import export
+from nrs_cosim.recordings.link_counts import KINDS
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.report.data import KINDS
 from tests.orchestrator.test_faults import LONGER, decoded, faulty_links
 from tests.scenarios import paper
 

@@ -50,6 +50,7 @@ FIELDS = {
         "rejected",
         "part_of",
         "measured",
+        "links",
     ],
 }
 PLANT = ["fmu", "name", "fmi_version", "kind", "drive", "why", "sha256", "robots"]
