@@ -21,6 +21,7 @@ from nrs_cosim.plant_fmu.checking.findings import CheckTask, Finding, FindingSta
 from nrs_cosim.plant_fmu.checking.mechanics import MechanicsProbe
 from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.drives.opening import open_plants
+from nrs_cosim.plant_fmu.drives.probe import MOVED
 from nrs_cosim.plant_fmu.errors import UnstableStepError
 from nrs_cosim.plant_fmu.isolation.isolated import IsolatedPlants
 from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance, Plants
@@ -29,6 +30,8 @@ PACE = 5.0
 """rad/s, of the critically damped motion to which the gains of a lone run are fitted."""
 RUN, STEPS = 1.0, 100
 """s, in equal steps."""
+ASIDE = 0.1
+"""rad, rad/s: how far references lie from a robot's start, so that it moves."""
 DIVERGED = 1e6
 """rad: beyond so far from its start in a run of a second a robot has diverged."""
 STIFF = 1e3
@@ -83,18 +86,24 @@ def slowness(mechanics: MechanicsProbe) -> str:
 def running(task: CheckTask, body: Body, known: bool, budget: Budget, why_slow: str) -> Finding:
     """Run one robot alone, its reference at its start unless a scenario says otherwise.
 
-    Gains that are not `known` to suit the robot make no failure of its.
+    Where nothing moves that shows nothing: it runs on as long with its reference aside. Gains that
+    are not `known` to suit the robot make no failure of its.
     """
     guess = "" if known else "; its gains are a guess, for its inertia is not known"
 
     def finding(status: FindingStatus, text: str, value: float | None = None) -> Finding:
         return Finding("runs", "alone", status, text, value)
 
-    moved = end = 0.0
+    moved, end, length, how = 0.0, 0.0, RUN, ""
     try:
         with ExitStack() as stack:
             plants = open_plants(stack, task.archive, [body], task.names, task.driving)
-            for j in range(STEPS):
+            for j in range(2 * STEPS):
+                if j == STEPS:
+                    if moved > MOVED:
+                        break
+                    length, how = 2 * RUN, f", its reference {ASIDE:g} aside from {RUN:g} s on"
+                    plants.hold((body.position + ASIDE)[None], body.velocity[None])
                 plants.advance(j * RUN / STEPS, RUN / STEPS)
                 moved = max(moved, float(np.abs(plants.q[0] - body.q).max()))
                 end = (j + 1) * RUN / STEPS
@@ -102,7 +111,7 @@ def running(task: CheckTask, body: Body, known: bool, budget: Budget, why_slow: 
                     break
                 budget.spend()
     except OverBudgetError as over:
-        return finding("unknown", f"{over}, at t = {end:g} s of {RUN:g} s{why_slow}")
+        return finding("unknown", f"{over}, at t = {end:g} s of {length:g} s{why_slow}")
     except UnstableStepError as error:
         return finding("fails" if known else "unknown", f"{error}{guess}")
     except CosimError as error:
@@ -110,7 +119,9 @@ def running(task: CheckTask, body: Body, known: bool, budget: Budget, why_slow: 
     if moved > DIVERGED:
         text = f"diverges by {plants.drive}: {moved:.3g} from its start at t = {end:g} s{guess}"
         return finding("fails" if known else "unknown", text, moved if isfinite(moved) else None)
-    text = f"{RUN:g} s by {plants.drive}: finite, up to {moved:.3g} from its start"
+    if moved <= MOVED:
+        return finding("unknown", "it does not move, nor after its reference", moved)
+    text = f"{length:g} s by {plants.drive}{how}: finite, up to {moved:.3g} from its start"
     return finding("holds", text, moved)
 
 
@@ -143,8 +154,6 @@ def resuming(task: CheckTask, body: Body, budget: Budget, why_slow: str) -> Find
 
 INTERVALS, PARTS, PART = 5, 5, 0.02
 """As many come before a checkpoint as after it; the steps of each; s, of a step."""
-ASIDE = 0.1
-"""rad, rad/s: how far the references lie from the robot's, to one side and to the other."""
 DEADLINE = 10.0
 """s: of one call of the FMU in the other process."""
 

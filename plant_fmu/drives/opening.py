@@ -165,7 +165,9 @@ def _by_held_torque(
     expect_stable(pushed, bodies, propagate, "control_step", step)
     # By Richardson: of an error of order p, halving the step takes away 1 − 2⁻ᵖ.
     error = measured_error(probe(step), probe(step / 2), representatives or bodies, step)
-    error *= 4 / 3 if heun else 2
     how = "corrected and held" if heun else "held"
-    drive = f"torque {how} for {step:g} s (error about {error:.1g} rad)"
+    accuracy = "error not measured: nothing moves at the start"
+    if error is not None:
+        accuracy = f"error about {error * (4 / 3 if heun else 2):.1g} rad"
+    drive = f"torque {how} for {step:g} s ({accuracy})"
     return TorqueHeldPlants(library, bodies, names, step, heun=heun, drive=drive, why=why)

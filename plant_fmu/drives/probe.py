@@ -22,6 +22,8 @@ PATIENCE = 1.0
 """s, after which a push is taken to move nothing."""
 SPAN, ROBOTS = 0.2, 8
 """s: the beginning over which an error is measured, and of how many robots."""
+MOVED = 1e-9
+"""rad: what moves by less only rounds, and shows neither an error nor that it is well."""
 
 
 class Probe(Plants, Protocol):
@@ -53,9 +55,12 @@ def expect_stable(
             )
 
 
-def measured_error(coarse: Probe, fine: Probe, bodies: Sequence[Body], step: float) -> float:
-    """Return the most that q, in rad, differs between two probes at some robots' beginning."""
-    error = 0.0
+def measured_error(coarse: Probe, fine: Probe, bodies: Sequence[Body], step: float) -> float | None:
+    """Return the most that q, in rad, differs between two probes at some robots' beginning.
+
+    None where nothing moves there: a robot at rest at its reference tells of no error.
+    """
+    error = moved = 0.0
     for body in bodies[:ROBOTS]:
         for probe in (coarse, fine):
             probe.start_again([body])
@@ -64,7 +69,8 @@ def measured_error(coarse: Probe, fine: Probe, bodies: Sequence[Body], step: flo
             for probe in (coarse, fine):
                 probe.advance(j * step, step)
             error = max(error, float(np.abs(coarse.q - fine.q).max()))
-    return error
+            moved = max(moved, float(np.abs(fine.q - body.q).max()))
+    return error if moved > MOVED else None
 
 
 def _moving_span(probe: Probe, body: Body, step: float) -> float:

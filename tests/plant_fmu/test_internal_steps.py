@@ -11,6 +11,7 @@ from nrs_cosim.plant_fmu.archives.archive import open_archive
 from nrs_cosim.plant_fmu.checking.budget import Budget
 from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.checking.mechanics import MechanicsProbe, open_probe
+from nrs_cosim.plant_fmu.checking.running import running
 from nrs_cosim.plant_fmu.checking.subprocess_check import check, p3_of
 from nrs_cosim.plant_fmu.drives.choice import Driving, choose, offers
 from nrs_cosim.plant_fmu.drives.opening import open_plants
@@ -64,7 +65,10 @@ def test_correct_joints_with_internal_steps_pass(tmp_path, step):
     assert checked.passes
     ratio = np.divide(*np.linalg.eigvalsh(INERTIA))
     assert found(checked, "M positive definite").value == pytest.approx(ratio, rel=1e-2)
-    assert found(checked, "alone").status == "holds"
+    alone = found(checked, "alone")  # at rest at its start: it is its reference that moves it
+    assert alone.status == "holds"
+    assert alone.value > 0.01
+    assert "aside from 1 s on" in alone.text
 
 
 @pytest.mark.parametrize("at", [0.25, -0.25])
@@ -180,3 +184,19 @@ def test_gains_too_high_for_internal_steps_are_reported_before_a_run(tmp_path, s
                 continue
             with pytest.raises(UnstableStepError, match="beyond the stability limit"):
                 open_plants(stack, archive, [body(kd=kd)], {})
+
+
+def test_the_error_of_a_held_torque_is_measured_only_where_something_moves(tmp_path):
+    archive, drives = open_archive(build_stepping(tmp_path / "a.fmu", 1e-3)), []
+    for aside in (0.0, 0.1):
+        with ExitStack() as stack:
+            still = replace(body(), position=NONE + aside)
+            drives.append(open_plants(stack, archive, [still], {}).drive)
+    assert drives[0] == "torque held for 0.005 s (error not measured: nothing moves at the start)"
+    assert float(drives[1].split("error about ")[1].removesuffix(" rad)")) > 0
+
+
+def test_a_robot_that_nothing_moves_is_not_said_to_run(tmp_path):
+    path = build_stepping(tmp_path / "a.fmu", 1e-3, mobility=np.zeros((2, 2)))
+    alone = running(CheckTask(open_archive(path)), body(), True, Budget(), "")
+    assert (alone.status, alone.text) == ("unknown", "it does not move, nor after its reference")
