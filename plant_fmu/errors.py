@@ -22,6 +22,11 @@ class UnstableStepError(FmuError):
     """A step is beyond what the gains and the plant's inertia let it be."""
 
 
+def before_run(doing: str) -> str:
+    """Say when a plant failed that was tried out, as the end of a sentence."""
+    return f"; that was before the run, while {doing}: nothing is recorded"
+
+
 class StepError(RunError):
     """An FMU failed while it was stepped."""
 

@@ -4,7 +4,7 @@ A push e_j from rest changes q̇ by M⁻¹ e_j T over a short T, beside what gra
 """
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import Protocol
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from nrs_cosim.plant_fmu.drives.grid import parts
 from nrs_cosim.plant_fmu.drives.stability import Propagate, step_limit
-from nrs_cosim.plant_fmu.errors import FmuError, StepError, UnstableStepError
+from nrs_cosim.plant_fmu.errors import FmuError, StepError, UnstableStepError, before_run
 from nrs_cosim.plant_fmu.plants import PD_ALONE, Array, Body, Disturbance, Plants
 
 POSTURES = 16
@@ -33,19 +33,32 @@ class Probe(Plants, Protocol):
         """Return to t_0 with another body."""
 
 
+@contextmanager
+def trying(doing: str) -> Iterator[None]:
+    """Make a failed step of a trial bad input, which says that it was before the run.
+
+    An instance is tried for several robots under the name of the first: which it was is said too.
+    """
+    try:
+        yield
+    except StepError as error:
+        raise FmuError(f"{error}{before_run(doing)}") from None
+
+
 def expect_stable(
     probe: Probe, bodies: Sequence[Body], propagate: Propagate, name: str, step: float
 ) -> None:
     """Raise `UnstableStepError` where a step is beyond the limit estimated for a robot."""
     for body in _distinct(bodies):
-        held = _moving_span(probe, body, step)
-        scaled = body.control.inertia_scaling or body.control.computed_torque
-        limit = min(
-            step_limit(np.hstack([inverse @ body.kp, inverse @ body.kd]), propagate)
-            for inverse in (
-                [np.eye(len(body.q))] if scaled else _inverse_inertias(probe, body, step, held)
+        with trying(f"the stability of its step was estimated for robot {body.robot}"):
+            held = _moving_span(probe, body, step)
+            scaled = body.control.inertia_scaling or body.control.computed_torque
+            limit = min(
+                step_limit(np.hstack([inverse @ body.kp, inverse @ body.kd]), propagate)
+                for inverse in (
+                    [np.eye(len(body.q))] if scaled else _inverse_inertias(probe, body, step, held)
+                )
             )
-        )
         if held > limit:
             moves = f", since it moves only every {held:g} s" if held > step else ""
             raise UnstableStepError(
@@ -62,14 +75,15 @@ def measured_error(coarse: Probe, fine: Probe, bodies: Sequence[Body], step: flo
     """
     error = moved = 0.0
     for body in bodies[:ROBOTS]:
-        for probe in (coarse, fine):
-            probe.start_again([body])
-            probe.hold(body.position[None], body.velocity[None])
-        for j in range(parts(SPAN, step)):
+        with trying(f"the error of a held torque was measured for robot {body.robot}"):
             for probe in (coarse, fine):
-                probe.advance(j * step, step)
-            error = max(error, float(np.abs(coarse.q - fine.q).max()))
-            moved = max(moved, float(np.abs(fine.q - body.q).max()))
+                probe.start_again([body])
+                probe.hold(body.position[None], body.velocity[None])
+            for j in range(parts(SPAN, step)):
+                for probe in (coarse, fine):
+                    probe.advance(j * step, step)
+                error = max(error, float(np.abs(coarse.q - fine.q).max()))
+                moved = max(moved, float(np.abs(fine.q - body.q).max()))
     return error if moved > MOVED else None
 
 

@@ -16,7 +16,7 @@ from typing import Self
 from nrs_cosim.bus.errors import Cause
 from nrs_cosim.bus.plurals import numbered
 from nrs_cosim.plant_fmu.archives.archive import Archive
-from nrs_cosim.plant_fmu.errors import FmuError, StepError
+from nrs_cosim.plant_fmu.errors import FmuError, StepError, before_run
 from nrs_cosim.plant_fmu.isolation.progress import Announced, Progress
 from nrs_cosim.plant_fmu.isolation.sharing import BAD_FMU, DONE, HEAD, ROBOT, send
 from nrs_cosim.plant_fmu.plants import called
@@ -30,6 +30,9 @@ from nrs_cosim.plant_fmu.processes import (
 
 STARTING = 60.0
 """s: the deadline before the FMU's first call: Python starts, and the archive is unpacked."""
+
+_STEP, _TRIAL = "step", "its stability or the error of a held torque was measured"
+"""What a call that advances an FMU is announced as: before there is a time it is of a trial."""
 
 
 class StuckError(Exception):
@@ -194,7 +197,8 @@ class FmuProcess:
         cause = f"{what} {ended}{act}{last_words(self._printed)}"
         if seconds is None:
             needs = self._needs if self._has_called else ""
-            return FmuError(f"{self._label}: {who}: {cause}{needs}")
+            trial = before_run(_TRIAL) if any(call.act == _STEP for call in calls) else ""
+            return FmuError(f"{self._label}: {who}: {cause}{needs}{trial}")
         only = self._robots[0] if len(self._robots) == 1 else None
         text = f"{who} ({self._label}) at t = {seconds:g} s: {cause}"
         return StepError(text, _cause(only, seconds))

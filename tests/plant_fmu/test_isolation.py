@@ -196,6 +196,24 @@ def test_a_fault_before_the_run_is_bad_input(run_here, place, life, fault, cause
     assert not (place / "run.mcap").exists()
 
 
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        ("segfault", "the FMU crashed with SIGSEGV, in step; it printed: fault 1 is due; that was "
+         "before the run, while its stability or the error of a held torque was measured"),
+        ("discard", "a step of 0.005 s ended with Discard; that was before the run, while the "
+         "error of a held torque was measured for robot 2"),
+    ],
+)  # fmt: skip
+def test_a_fault_in_a_trial_says_that_it_was_before_the_run(run_here, place, life, fault, cause):
+    done = run_here(three_robots(fault, at=0.05, control="hold"))
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: s.toml: plant: ")
+    assert f"{cause}: nothing is recorded" in done.stderr
+    nothing_left(place, life.until(None))
+    assert not (place / "run.mcap").exists()
+
+
 def test_a_library_that_crashes_on_loading_is_bad_input(run_here, place, life, monkeypatch):
     monkeypatch.setenv("FAULTY_LOAD", "crash")
     done = run_here(three_robots())
