@@ -67,6 +67,10 @@ def info(
         say("yellow", "damage", damage)
 
 
+_BY_ENDING: dict[str, Literal["nc", "ssp"]] = {".nc": "nc", ".ssp": "ssp"}
+"""What a recording is exported to as one file; the rest are tables in a folder."""
+
+
 def export(
     recording: RecordingPath,
     output: Annotated[
@@ -79,14 +83,14 @@ def export(
         ),
     ],
     form: Annotated[
-        Literal["csv", "parquet", "mat", "nc", "ssp"],
+        Literal["csv", "parquet", "mat", "nc", "ssp"] | None,
         typer.Option(
             "--format",
             "--to",
             help="mat is MATLAB's; nc is netCDF-4; parquet and nc need the extra `analysis`; ssp "
-            "is a system of FMUs.",
+            "is a system of FMUs. By default what -o ends in, .nc or .ssp; else csv.",
         ),
-    ] = "csv",
+    ] = None,
     robots: OfRobots = None,
     joints: OfJoints = None,
     since: Since = None,
@@ -104,13 +108,15 @@ def export(
     from nrs_cosim.recordings.mcap.reader import Reader
     from nrs_cosim.recordings.schemas import about
 
+    by_name = None if output.is_dir() else _BY_ENDING.get(output.suffix.lower())
+    kind = form or by_name or "csv"
     asked = {"--robots": robots, "--joints": joints, "--from": since, "--until": until}
-    if form == "ssp":
+    if kind == "ssp":
         if given := [option for option, value in asked.items() if value is not None]:
             raise InputError(f"{given[0]}: a system is of the whole run; leave it out")
         _export_system(recording, output)
         return
-    write = _netcdf(output) if form == "nc" else _tables(output, form)
+    write = _netcdf(output) if kind == "nc" else _tables(output, kind)
     with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
         reader.expect_ticks("export")
         run = about(reader).run

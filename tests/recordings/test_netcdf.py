@@ -107,8 +107,8 @@ def test_the_command_names_an_option_that_is_wrong(path, tmp_path):
     ):
         done = nrs("export", path, "-o", tmp_path / "out", *options)
         assert (done.returncode, said in done.stderr) == (2, True), done.stderr
-    done = nrs(
-        "export", path, "--to", "nc", "-o", tmp_path / "out.nc", "--robots", "1,3", "--until", "1"
+    done = nrs(  # what -o ends in is its format
+        "export", path, "-o", tmp_path / "out.nc", "--robots", "1,3", "--until", "1"
     )
     assert done.returncode == 0, done.stderr
     with xarray.open_dataset(tmp_path / "out.nc", engine="h5netcdf") as found:
