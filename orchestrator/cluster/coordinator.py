@@ -231,6 +231,7 @@ class Coordinator:
     def _join(self, name: str, question: Question) -> None:
         slot = self._admission.answer(name, question, monotonic())
         if slot:
+            self._supervision.unable.pop(name, None)
             _LOG.info("%s joined with %s", name, named(slot.robots))
         if slot and not slot.process:
             missing = self._slots.missing()
@@ -262,6 +263,7 @@ class Coordinator:
         if name in self._slots:
             self._take_report(name, slot, report)
         elif report.failed:
+            self._supervision.unable[name] = report.failed
             self._policy.show(f"{name} could not open {named(slot.robots)}: {report.failed}")
 
     def _take_report(self, name: str, slot: WorkerSlot, report: Report) -> None:
@@ -272,4 +274,5 @@ class Coordinator:
         if report.tick < 0 and report.failed and not self._is_over:
             if slot.process:
                 raise (RunError if self._supervision.recorder else InputError)(report.failed)
+            self._supervision.unable[name] = report.failed
             self._policy.show(f"{name} cannot open {named(slot.robots)}: {report.failed}")

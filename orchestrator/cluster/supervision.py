@@ -58,6 +58,8 @@ class Supervision:
     departed: dict[str, WorkerSlot] = field(default_factory=dict)
     """Slots that were given up before the run: why may be said after the worker is gone, for its
     last words and its presence travel side by side."""
+    unable: dict[str, str] = field(default_factory=dict)
+    """What remote workers said that could not open their robots, and have not come again since."""
 
     def start_all(self) -> bool:
         """Start the workers of this machine; return whether they are to be started here."""
@@ -91,10 +93,10 @@ class Supervision:
         wait = self.policy.wait
         lacking = dict(self.slots.without_worker()) | dict.fromkeys(self.slots.free, self.began)
         if lacking and now - min(lacking.values()) >= wait:
-            raise WorkerError(
-                f"{named(sorted(lacking))} had no worker for {wait:g} s: no `nrs worker` came for "
-                "them; --wait gives them longer"
-            )
+            came = "no `nrs worker` came for them; --wait gives them longer"
+            if self.unable:
+                came = f"{self._unable()}; mend that, or start others"
+            raise WorkerError(f"{named(sorted(lacking))} had no worker for {wait:g} s: {came}")
         for name, slot in self.slots.items():
             if not slot.process:
                 continue
@@ -108,6 +110,16 @@ class Supervision:
                 raise WorkerError(
                     f"{who} was not ready within {wait:g} s of its start; --wait gives it longer"
                 )
+
+    def _unable(self) -> str:
+        """Say who came and could not open its robots, and why: a reason once."""
+        names: dict[str, list[str]] = {}
+        for name, why in sorted(self.unable.items()):
+            names.setdefault(why, []).append(name)
+        return "; ".join(
+            f"{' and '.join(who)} came, and could not open robots: {why}"
+            for why, who in names.items()
+        )
 
     def _raise_failure(self, k: int, at_last: bool) -> None:
         """Raise what workers failed with at tick k, or while they came there.
