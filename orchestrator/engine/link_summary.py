@@ -11,6 +11,7 @@ from typing import Any
 from nrs_cosim.bus.clock import NS_PER_S
 from nrs_cosim.bus.plurals import count_of, numbered
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.tables.algorithms import NotInstalled
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.export.tables import robots
 from nrs_cosim.recordings.link_counts import KINDS, link_counts
@@ -53,8 +54,13 @@ def _stored(reader: Reader) -> LinkRecord | None:
 
 def _described(reader: Reader, experiment: Experiment, found: LinkRecord) -> dict[str, Any]:
     at = experiment.clock.t
-    # Who sends is decided at each t_k, or ticks are missing: then nobody knows how many there were.
-    known = not experiment.algorithm.TRIGGERED and reader.end_ns == at(reader.ticks)
+    # Nobody knows how many there were where ticks are missing, or who sends is decided at each t_k,
+    # which of an algorithm that is not installed here is not known.
+    by_clock = (
+        not isinstance(experiment.scenario.algorithm, NotInstalled)
+        and not experiment.algorithm.TRIGGERED
+    )
+    known = by_clock and reader.end_ns == at(reader.ticks)
     return {
         "samples": experiment.topologies.edges_until(reader.ticks) if known else None,
         **{kind: getattr(found, kind) for kind in (*KINDS, "latest")},

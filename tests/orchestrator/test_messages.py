@@ -65,7 +65,7 @@ def described(*plants):
             {"fmu": fmu, "fmi_version": "3.0", "drive": "d", "robots": [i], "why": why}
             for i, (fmu, why) in enumerate(plants, 1)
         ],
-        **dict.fromkeys(("parent", "target", "samples", "byzantine", "saturation"), None),
+        **dict.fromkeys(("parent", "target", "samples", "links", "byzantine", "saturation"), None),
         **dict.fromkeys(("name", "status", "reason", "digest", "file", "messages"), "x"),
         **dict.fromkeys(("robots", "joints", "ticks", "ticks_planned", "duration"), 2),
     }
