@@ -101,8 +101,6 @@ KINDS: dict[str, Any] = {
 class Scene:
     """What is shown of a recording's robots beside its own messages; the target is the first."""
 
-    channels = tuple(Channel(topic, kind.full_name, counted=False) for topic, kind in KINDS.items())
-
     def __init__(
         self, reader: Reader, placed: Sequence[PlacedRobot], target_at: TargetAt | None = None
     ) -> None:
@@ -114,7 +112,9 @@ class Scene:
         self._robots = MovingFrames(placed[1:], range(1, self._n + 1))
         self._target = MovingFrames(placed[:1], [0])
         self._sampled = shows and target_at is None
-        self.schemas = [Schema(kind.full_name, _described(kind.file)) for kind in KINDS.values()]
+        kinds = {topic: kind for topic, kind in KINDS.items() if target_at or topic != ERRORS}
+        self.channels = [Channel(topic, of.full_name, counted=False) for topic, of in kinds.items()]
+        self.schemas = [Schema(of.full_name, _described(of.file)) for of in kinds.values()]
 
     def once(self, time_ns: int, k: int) -> list[Message]:
         """Return what never changes, as of a time and tick."""

@@ -2,6 +2,7 @@
 
     the recording's topics      its own protobuf messages and schemas, none left out
     /scene, /tf, /link_events   the robots in 3D, and what links did, see `export.scene`
+    /errors                     each robot's errors, only where it is known where the target is
     package://nrs/robot_3.urdf  assets: the URDF of each robot that has one, as it is drawn
 
 Nothing else can be asked for: no path is ever opened, a URI is one of those or unknown. The SDK

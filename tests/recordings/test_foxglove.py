@@ -108,6 +108,7 @@ def test_a_client_has_every_message_of_a_replay_and_the_robots_where_they_were(r
             assert (offered["encoding"], offered["schemaName"]) == ("protobuf", channel.schema_name)
             (schema,) = [one for one in reader.schemas if one.name == channel.schema_name]
             assert schema_of(offered) == schema.data
+        assert "/errors" not in client.channels  # nobody has said where the target is
         shown = Counter(topic for topic, *_ in client.messages if topic in DRAWN)
         assert shown == {"/scene": 1, "/tf": 1 + drawn(recording)}
         assert client.times == sorted({m[1] for m in client.messages})

@@ -7,14 +7,17 @@ import pytest
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.engine.in_process import in_process
 from nrs_cosim.orchestrator.engine.run import run
+from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.report.foxglove import Foxglove
 from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.robots.placed import shown_robots
 from tests.scenarios import paper
 
 pytest.importorskip("foxglove", reason="needs foxglove-sdk, of the extra `foxglove`")
-from tests.recordings.foxglove_client import PLAY, Client
+from nrs_cosim.recordings.export.scene import ERRORS, write_scene
+from tests.recordings.foxglove_client import Client
 
-TOPIC = "/robot_1/state"
+TOPICS = ["/robot_1/state", ERRORS]
 
 
 def test_who_comes_late_has_a_run_from_its_beginning_and_a_replay_begins_with_who_listens(
@@ -26,24 +29,23 @@ def test_who_comes_late_has_a_run_from_its_beginning_and_a_replay_begins_with_wh
     def received(view):
         view.wait_until_served()
         with Client(view.address) as client:
-            client.until(lambda: TOPIC in client.channels).subscribe([TOPIC])
-            client.until(lambda: len(client.messages) >= len(states))
-            return [(time_ns, data) for _, time_ns, data in client.messages]
+            client.until(lambda: client.channels.keys() >= {*TOPICS}).subscribe(TOPICS)
+            client.until(lambda: len(client.messages) >= len(expected))
+            return sorted(client.messages)
 
     with Foxglove(0) as view:
         view.begin(path, path)
         run(short, path, in_process(short))
         with Reader(path) as reader:
-            states = [(m[0], m[3]) for m in reader.messages([TOPIC])]
-            end = reader.end_ns
-        assert received(view) == states
+            target_at, end = experiment_of(reader).target_at, reader.end_ns
+            write_scene(reader, tmp_path / "scene.mcap", shown_robots(reader), target_at)
+        with Reader(tmp_path / "scene.mcap") as scene:
+            expected = sorted((m[1], m[0], m[3]) for m in scene.messages(TOPICS))
+        assert {topic for topic, *_ in expected} == {*TOPICS}
+        assert received(view) == expected
     with Foxglove(0) as again:
         again.replay(path, 0, end, 1e5)
-        assert received(again) == states
-        with Client(again.address) as client:
-            client.until(lambda: "/errors" in client.channels).subscribe(["/errors"])
-            client.control(PLAY, 1e5, 0)
-            client.until(lambda: len(client.messages) >= len(states))
+        assert received(again) == expected
     assert (view.process.returncode, again.process.returncode) == (0, 0)
     printed = capsys.readouterr().err.splitlines()
     assert printed == [f"foxglove: {served.address}" for served in (view, again)]
