@@ -30,10 +30,13 @@ def story_of(reader: Reader, experiment: Experiment | None = None) -> Story:
     """Read what a report draws of a recording, of an experiment that may be known already."""
     run = about(reader).run
     experiment = experiment or experiment_of(reader)
-    unit = unit_over([joint.unit for group in run.plants for joint in group.joints])
+    units = [
+        unit_over([joint.unit for group in run.plants for joint in group.joints[at : at + 1]])
+        for at in range(run.joints)
+    ]
     names = tuple(joint.name for joint in shared_joints(run))
     theory = _theory(experiment)
-    subject = subject_of(experiment, unit, names, theory)
+    subject = subject_of(experiment, units, names, theory)
     story = read_story(reader, replace(subject, plants=_plants(experiment, run)))
     if not theory:
         return story
@@ -52,11 +55,11 @@ def _theory(experiment: Experiment) -> tuple[Check, UltimateBounds] | None:
 
 def subject_of(
     experiment: Experiment,
-    unit: str,
+    units: Sequence[str],
     joints: Sequence[str] = (),
     theory: tuple[Check, UltimateBounds] | None = None,
 ) -> Subject:
-    """Return what a report must know of an experiment, whose joints are in a unit, with names."""
+    """Return what a report must know of an experiment, whose joints have units, and names."""
     checked, ultimate = theory or _theory(experiment) or (None, None)
     choice = experiment.scenario.algorithm
     return Subject(
@@ -66,7 +69,7 @@ def subject_of(
         target_at=experiment.target_at,
         topologies=experiment.topologies,
         phases=_phases(experiment.topologies),
-        unit=unit,
+        units=units,
         joints=[_joint(number, joints) for number in range(1, experiment.m + 1)],
         conditions=_condition_rows(checked) if checked else [],
         spectral_radius=None

@@ -6,7 +6,6 @@ those in the states at t_k, whether they were sent or not.
 """
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import takewhile
 from math import prod
@@ -34,7 +33,7 @@ from nrs_cosim.recordings.measurement import SteadyState, at_sampling_times, ste
 from nrs_cosim.recordings.report.subject import Subject
 from nrs_cosim.recordings.robots.skeleton import Skeleton, skeletons
 from nrs_cosim.recordings.schemas import RecordedTypes, about, recorded_types
-from nrs_cosim.recordings.units import coordinate_of, field_unit
+from nrs_cosim.recordings.units import field_unit
 
 Array = NDArray[np.float64]
 MOST_DRAWN = 24
@@ -164,7 +163,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         np.maximum.at(largest[name], at, np.linalg.norm(errors, order, axis=1))
 
     types = recorded_types(reader)
-    agents = _agent_fields(types, coordinate_of(said.run), subject.joints, len(t_k), len(drawn))
+    agents = _agent_fields(types, subject, len(t_k), len(drawn))
     schemas = {channel.topic: channel.schema_name for channel in reader.channels}
     for messages in reader.columns():
         numbers, found = np.unique(messages.channel, return_counts=True)
@@ -243,7 +242,7 @@ def _spread(spread: Array, at: NDArray[np.intp], values: Array) -> None:
 
 
 def _agent_fields(
-    types: RecordedTypes, coordinate: str, names: Sequence[str], ticks: int, robots: int
+    types: RecordedTypes, subject: Subject, ticks: int, robots: int
 ) -> dict[str, AgentField]:
     """Return what agents keep, with gaps in place of the numbers."""
     codec, found = types.codecs.get(AGENT_STATES.kind), {}
@@ -252,13 +251,17 @@ def _agent_fields(
         kept = codec.kind.fields[name]
         by_joint = kept.shape == ("m",)
         if by_joint:
-            labels = [f"{name}, {joint}" for joint in names]
+            labels = [f"{name}, {joint}" for joint in subject.joints]
         elif prod(shape) <= MOST_NUMBERS:
             labels = column_names(name, shape)
         else:
             labels = [f"‖{name}‖₂"]
-        unit = field_unit(name, kept, coordinate)
-        labels = [f"{label} ({unit})" if unit else label for label in labels]
+        coordinates = subject.units if by_joint else [subject.unit] * len(labels)
+        units = [field_unit(name, kept, coordinate) for coordinate in coordinates]
+        labels = [
+            f"{label} ({unit})" if unit else label
+            for label, unit in zip(labels, units, strict=True)
+        ]
         values = np.full((ticks, robots, len(labels)), np.nan)
         found[name] = AgentField(tuple(labels), kept.doc, by_joint, values)
     return found

@@ -10,6 +10,7 @@ import numpy as np
 
 from nrs_cosim.recordings.report.curves import Curve, Figure, Panel, kept, logarithmic_panel
 from nrs_cosim.recordings.report.data import Story
+from nrs_cosim.recordings.report.subject import on_axis, rate_of, unit_over
 
 _NORMS = (
     ("position_estimate", "max ‖ε_i − ε_0‖∞ at t_k"),
@@ -64,9 +65,9 @@ def _panels(stories: Sequence[Story], names: Sequence[str]) -> Iterator[Panel]:
                 curves += line
                 texts += ["ρ"] * len(line)
         if curves:
-            subject = stories[0].subject
-            unit = subject.rate if field.startswith("velocity") else subject.unit
-            yield logarithmic_panel(f"{norm} ({unit})", curves, texts)
+            unit = unit_over([story.subject.unit for story in stories])
+            unit = rate_of(unit) if field.startswith("velocity") else unit
+            yield logarithmic_panel(on_axis(norm, unit), curves, texts)
 
 
 def _width(at: int, several: bool) -> float:

@@ -13,6 +13,7 @@ from nrs_cosim.recordings.report.curves import TARGET, Array, Band, Curve, Figur
 from nrs_cosim.recordings.report.data import Story
 from nrs_cosim.recordings.report.envelope_figure import envelope_figure
 from nrs_cosim.recordings.report.link_figure import link_figure
+from nrs_cosim.recordings.report.subject import on_axis, rate_of, unit_over
 
 Group = tuple[str, int | None]
 """Its name and its colour."""
@@ -184,10 +185,11 @@ def _by_joint(stories: Sequence[Story], name: str, symbol: str) -> Iterator[Pane
                 if not any(_same(line, other) for other in curves):
                     curves.append(line)
         if curves:
-            subject = stories[0].subject
-            unit = subject.rate if quantity == "velocity" else subject.unit
-            called = next(s.subject.joints[joint] for s in stories if joint < s.m)
-            label = f"{symbol}, {called} ({unit})"
+            subjects = [story.subject for story in stories if joint < story.m]
+            unit = unit_over([subject.units[joint] for subject in subjects])
+            called = subjects[0].joints[joint]
+            of = rate_of(unit) if quantity == "velocity" else unit
+            label = on_axis(f"{symbol}, {called}", of)
             yield Panel(label, tuple(curves), joint, bands=tuple(bands), joint_name=called)
 
 

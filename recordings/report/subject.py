@@ -15,14 +15,23 @@ from nrs_cosim.recordings.measurement import TargetAt
 Array = NDArray[np.float64]
 
 MIXED, UNKNOWN = "mixed units", "unit not known"
-"""Stand where a number or an axis is over joints in unlike units, or in none that an FMU gives."""
+"""Stand where a number is over joints in unlike units, or in none that an FMU gives."""
 
 
 def unit_over(units: Collection[str]) -> str:
-    """Return the unit of all joints, or in words that there is no such one."""
-    if len(set(units)) > 1:
-        return MIXED
-    return next(iter(units)) or UNKNOWN
+    """Return the unit of all of some joints, or in words that there is no such one."""
+    found = {unit or UNKNOWN for unit in units} or {UNKNOWN}
+    return found.pop() if len(found) == 1 else MIXED
+
+
+def rate_of(unit: str) -> str:
+    """Return the unit of a velocity, of the position's unit or what stands for it."""
+    return unit if unit in {MIXED, UNKNOWN} else f"{unit}/s"
+
+
+def on_axis(label: str, unit: str) -> str:
+    """Return an axis' label: with a unit, but not with the words that none is known."""
+    return label if unit == UNKNOWN else f"{label} ({unit})"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,8 +61,8 @@ class Subject:
     topologies: TopologySchedule
     phases: str
     """When these links are there, in words; empty where it is always."""
-    unit: str
-    """Of a joint's position, or in words that there is none; see `unit_over`."""
+    units: Sequence[str]
+    """(m,) of each joint's position over all robots, see `unit_over`."""
     joints: Sequence[str]
     """(m,) what all robots call their joints, or their numbers in words."""
     conditions: Sequence[Mapping[str, Any]]
@@ -82,6 +91,11 @@ class Subject:
         return self.topologies.links
 
     @property
+    def unit(self) -> str:
+        """That of all joints' positions; see `unit_over`."""
+        return unit_over(self.units)
+
+    @property
     def rate(self) -> str:
-        """The unit of a joint's velocity."""
-        return self.unit if self.unit in {MIXED, UNKNOWN} else f"{self.unit}/s"
+        """The unit of all joints' velocities."""
+        return rate_of(self.unit)

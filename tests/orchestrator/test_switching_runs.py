@@ -220,7 +220,7 @@ def test_a_design_for_switching_uses_the_period():
 
 def test_a_report_says_which_networks_are_active_when():
     switching, has_two_digraphs, paper = (
-        subject_of(read_scenario(SCENARIOS / f"{name}.toml"), "rad")
+        subject_of(read_scenario(SCENARIOS / f"{name}.toml"), ["rad", "rad"])
         for name in ("switching", "hetero_information", "paper_first_order")
     )
     assert switching.phases.startswith("3 phases of the network, again after 25 ticks: these are")

@@ -46,7 +46,7 @@ def test_with_a_delay_of_all_samples_convergence_is_that_of_the_delayed_recursio
     assert (result["links"]["source"], result["links"]["delays"]) == ("statement D1", [1, 1])
     assert result["links"]["margin"] == {"periods": 0, "kind": "exact"}
     assert result["settling_time"] is None
-    assert {v["source"][-23:] for v in subject_of(scenario, "rad").conditions} == {
+    assert {v["source"][-23:] for v in subject_of(scenario, ["rad", "rad"]).conditions} == {
         "of links without faults"
     }
 

@@ -20,7 +20,6 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.report.curves import BUCKETS
 from nrs_cosim.recordings.report.figures import figures
 from nrs_cosim.recordings.report.page import page
-from nrs_cosim.recordings.report.subject import unit_over
 from nrs_cosim.recordings.robots.skeleton import skeletons
 from tests.recordings.made_up_runs import recorded as recorded_run
 from tests.report.conftest import story
@@ -323,31 +322,3 @@ def test_an_unwritable_output_is_named(paper, tmp_path):
     (tmp_path / "file").touch()
     result = nrs.invoke(app, ["report", str(paper), "-o", str(tmp_path / "file" / "page.html")])
     assert "file: is a file and not a folder" in str(result.exception)
-
-
-@pytest.mark.parametrize(
-    ("units", "labels"),
-    [
-        (["rad", "rad"], ("(rad)", "(rad/s)")),
-        (["m", "m"], ("(m)", "(m/s)")),
-        (["rad", "m"], ("(mixed units)",) * 2),
-        (["rad", ""], ("(mixed units)",) * 2),
-        (["", ""], ("(unit not known)",) * 2),
-    ],
-    ids=["turning", "sliding", "mixed", "one is not known", "none is known"],
-)
-def test_axes_show_a_unit_only_if_all_joints_have_it(paper, units, labels):
-    of = story(paper)
-    assert of.subject.unit == "rad"
-    of = replace(of, subject=replace(of.subject, unit=unit_over(units)))
-    data = sentences_of(page([of]))
-    position, velocity = labels
-    for name, expected in (
-        ("estimates", [position] * 2 + [velocity] * 2),
-        ("tracking", [position] * 2 + [velocity] * 2),
-        ("envelopes", [position, velocity] * 2),
-    ):
-        (panels,) = (f["panels"] for f in data["figures"] if f["name"] == name)
-        assert ["(" + panel["label"].rpartition("(")[2] for panel in panels] == expected
-    measured = [tile["unit"] for tile in data["runs"][0]["measured"]]
-    assert measured == [position[1:-1], velocity[1:-1]] * 2
