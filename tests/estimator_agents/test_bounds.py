@@ -1,7 +1,6 @@
 """What is promised, against dense matrices, the paper's numbers, and targets that try hard."""
 
 import os
-import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -464,7 +463,7 @@ def test_the_outermost_eigenvalues_of_a_large_random_digraph_are_found(monkeypat
 
 
 def test_a_ring_of_10000_robots_takes_10_seconds_and_1_gigabyte():
-    """In a process of its own, so that the memory is its own too; seconds of processor time.
+    """In a process of its own that says its own peak: that of all children may be another's.
 
     In one thread, since those that wait for one another on a busy machine use time as well.
     """
@@ -481,11 +480,13 @@ def test_a_ring_of_10000_robots_takes_10_seconds_and_1_gigabyte():
         "assert network_of(t).depth == 5001 and len(s) == 10_000 and rho < 1\n"
         "assert steady_motion(r, HARMONIC, rho).bound.position < 2\n"
         "assert worst_case(r, 3, 1, rho) and paper_bound(r, 3, 1)\n"
+        "from benchmarks.memory import peak; import time\n"
+        "print(time.process_time(), peak())\n"
     )
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     alone = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     root = Path(__file__).parents[2]
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=root, env=alone)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    assert after.ru_utime - before.ru_utime < 10
-    assert after.ru_maxrss < 1e6
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, check=True, cwd=root, env=alone, stdout=subprocess.PIPE)
+    seconds, memory = map(float, done.stdout.split())
+    assert seconds < 10
+    assert memory < 1e9
