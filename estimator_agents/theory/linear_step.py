@@ -108,6 +108,20 @@ def linear_step(algorithm: Algorithm, h: float) -> LinearStep | None:
     Of fields of other shapes than a position's, of own measurements, of what is kept of each
     in-neighbour and of those that decide when to send it is not known.
     """
+    found = _tried(algorithm, h)
+    return found if isinstance(found, LinearStep) else None
+
+
+def why_not_linear(algorithm: Algorithm, h: float) -> str:
+    """Return what a class raised when it was tried whether it is linear; nothing if none did.
+
+    It may be made for one m alone, or for the times of a run.
+    """
+    found = _tried(algorithm, h)
+    return f"tried with other numbers: {found}" if isinstance(found, Exception) else ""
+
+
+def _tried(algorithm: Algorithm, h: float) -> LinearStep | Exception | None:
     kind = class_of(algorithm)
     fields = [*algorithm.STATE.values(), *algorithm.SENT.values()]
     others = algorithm.LINK or algorithm.TRIGGERED or algorithm.ARRIVALS != "newest"
@@ -116,8 +130,8 @@ def linear_step(algorithm: Algorithm, h: float) -> LinearStep | None:
         return None
     try:
         return _found(algorithm, h)
-    except Exception:  # it may be made for one m alone; what is wrong with it, a run will say
-        return None
+    except Exception as error:
+        return error
 
 
 def modes_of(algorithm: Algorithm, spectra: Spectra, h: float) -> Spectrum:

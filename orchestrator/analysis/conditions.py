@@ -42,6 +42,7 @@ from nrs_cosim.orchestrator.analysis.switching import (
     any_order_over,
     phases_of,
 )
+from nrs_cosim.orchestrator.engine.layouts import expect_same_on_any_workers
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.robot_ids import multiple
 
@@ -239,6 +240,7 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
     topologies, algorithm = experiment.topologies, experiment.algorithm
     periods = periods_of(experiment)
     expect_modes(algorithm, periods.mean)
+    expect_same_on_any_workers(experiment)
     spectra = spectra_of(topologies)
     everywhere = merged(spectra)
     own = conditions(algorithm, everywhere, periods.longest)

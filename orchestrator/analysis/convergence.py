@@ -13,7 +13,12 @@ from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra, jumps
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds, radius_bounds
-from nrs_cosim.estimator_agents.theory.linear_step import linear_step, modes_of, radius_of_list
+from nrs_cosim.estimator_agents.theory.linear_step import (
+    linear_step,
+    modes_of,
+    radius_of_list,
+    why_not_linear,
+)
 from nrs_cosim.estimator_agents.theory.recursion import Recursion, linear_jump, recursion_of
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius, spectrum_of
 from nrs_cosim.estimator_agents.theory.switching import period, period_radius
@@ -89,7 +94,8 @@ def why_unknown(algorithm: Algorithm, topologies: TopologySchedule, periods: Per
         if jumps(algorithm):
             return "the algorithm does not jump linearly"
         if linear_step(algorithm, periods.mean) is None:
-            return "the algorithm is not known to be linear"
+            raised = why_not_linear(algorithm, periods.mean)
+            return "the algorithm is not known to be linear" + (raised and f" ({raised})")
         if topologies.switching or periods.early:
             of = "digraphs in turn" if topologies.switching else "sampling times that are drawn"
             return f"of {of} it is computed where agents keep a position and a velocity alone"

@@ -28,6 +28,7 @@ from nrs_cosim.orchestrator.engine.attachments import (
 )
 from nrs_cosim.orchestrator.engine.in_process import InProcess, in_process
 from nrs_cosim.orchestrator.engine.last_fifth import LastFifth
+from nrs_cosim.orchestrator.engine.layouts import expect_same_on_any_workers
 from nrs_cosim.orchestrator.engine.lockstep import Launcher, Lockstep, TargetNode, window
 from nrs_cosim.orchestrator.engine.native.arranging import load_arranging
 from nrs_cosim.orchestrator.engine.pace import NO_PACE, Pace
@@ -127,6 +128,7 @@ def run(
     measuring = experiment.topologies.ever_pinned.tolist()
     checkpoints = 0 < every <= clock.ticks
     expect_attachable(experiment.assets)
+    expect_same_on_any_workers(experiment)
     # What is not finite is looked for and named, not warned of.
     with ExitStack() as stack, np.errstate(all="ignore"):
         bus, workers = (launch or in_process(experiment))(stack, watch)

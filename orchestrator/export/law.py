@@ -18,7 +18,7 @@ from nrs_cosim.estimator_agents.algorithm import Algorithm, class_of, overrides
 from nrs_cosim.estimator_agents.flow import acceleration_of, follows_lines
 from nrs_cosim.estimator_agents.now import Now
 from nrs_cosim.estimator_agents.received import Received
-from nrs_cosim.estimator_agents.theory.linear_step import linear_step
+from nrs_cosim.estimator_agents.theory.linear_step import linear_step, why_not_linear
 from nrs_cosim.estimator_agents.values import Values
 from nrs_cosim.plant_fmu.bundled.sampled import SAMPLE, AgentFields
 
@@ -54,7 +54,8 @@ def law_of(algorithm: Algorithm, sizes: Sizes, h: float, two_digraphs: bool) -> 
     if overrides(class_of(algorithm), "send") or not set(truths) <= set(kept):
         return "sends more than what it keeps"
     if linear_step(algorithm, h) is None:
-        return "does not jump linearly: there is no K and G"
+        raised = why_not_linear(algorithm, h)
+        return "does not jump linearly: there is no K and G" + (raised and f" ({raised})")
     if unknown := [name for name, truth in truths.items() if truth is None]:
         return f"sends {unknown[0]}, of which the target has none"
     s, q, random = len(kept), len(truths), np.random.Generator(np.random.Philox(4))

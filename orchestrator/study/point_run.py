@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from nrs_cosim.bus.errors import Cause, CosimError, InputError
+from nrs_cosim.bus.errors import Cause, CosimError, InputError, RunError
 from nrs_cosim.orchestrator.analysis.bounds import UltimateBounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.comparison import TheoryComparison, compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import Check
@@ -101,7 +101,7 @@ def run_point(task: PointTask) -> dict[str, Any] | NeedsFmus:
     except _FmusMissingError as error:
         return NeedsFmus(error.sha256)
     except CosimError as error:
-        kind = "input" if isinstance(error, InputError) else _cause(error).kind
+        kind = _cause(error).kind if isinstance(error, RunError) else "input"
         row |= {"status": "failed", "cause_kind": kind, "reason": str(error)}
     except Exception as error:  # whatever a third-party algorithm raises is of its row
         reason = f"{type(error).__name__}: {error}"

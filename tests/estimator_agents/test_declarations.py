@@ -9,6 +9,7 @@ from nrs_cosim.estimator_agents.algorithm import Algorithm, conditions, modes
 from nrs_cosim.estimator_agents.declarations import wrong_declarations
 from nrs_cosim.recordings import Recording
 from nrs_cosim.recordings.mcap.reader import Reader
+from tests.cases import cases
 from tests.command import nrs
 from tests.scenarios import write
 
@@ -200,40 +201,75 @@ FAILING = [
 
 
 @pytest.mark.parametrize(("was", "now", "why", "line"), FAILING, ids=[c[2][:60] for c in FAILING])
-def test_what_it_returns_wrongly_fails_the_run_with_its_place(
-    faulty, tmp_path, was, now, why, line
+@pytest.mark.parametrize("command", cases(["check", "run"], ["check"]))
+def test_what_it_returns_wrongly_is_one_line_before_anything_runs(
+    faulty, tmp_path, command, was, now, why, line
 ):
-    done, at = faulty("run", was, now)
-    expected = f"algorithm.name: faulty.{why}, {at(line)}"
-    assert done.stderr.replace("\n", "") == f"failed: {expected}"
-    assert done.returncode == 1
+    done, at = faulty(command, was, now)
+    expected = f"error: algorithm.name: faulty.{why}, {at(line)}"
+    assert (done.stderr.replace("\n", ""), done.returncode) == (expected, 2)
+    assert not list(tmp_path.glob("s.mcap*"))
+
+
+LATER = "now.k > 4 and x.nothing"
+
+
+def test_what_it_raises_later_is_told_by_theory_and_recorded_with_its_place(faulty, tmp_path):
+    """Theory tries it at other times than a run begins with."""
+    simple = STATE.replace('Field(("m",)), "count": Field(())', "Field()") + "\n" + RECEIVE
+    later = simple.replace("return x", f"{LATER}\n        return x")
+    done, at = faulty("run", f"{STATE}\n{RECEIVE}", later)
+    expected = (
+        "algorithm.name: faulty.receive(now, x, received): AttributeError: no field nothing; the "
+        f"fields here are position, velocity, memory, {at(LATER)}"
+    )
     with Reader(tmp_path / "s.mcap") as reader:
-        assert (reader.status, reader.reason) == ("failed", expected)
+        assert (reader.status, reader.reason, reader.ticks) == ("failed", expected, 4)
+    assert (done.stderr.replace("\n", ""), done.returncode) == (f"failed: {expected}", 1)
+    why = f"the algorithm is not known to be linear (tried with other numbers: {expected})"
+    assert why in " ".join(nrs("info", "s.mcap", cwd=tmp_path).stdout.split())
+
+
+def test_one_that_mixes_robots_is_refused_before_anything_runs(faulty, tmp_path):
+    mixed = "return x.replace(position=x.position - x.position.mean(axis=0))"
+    for command in ("check", "run"):
+        done, at = faulty(command, "return x", mixed)
+        place = at("def receive(self, now, x, received):")
+        assert done.stderr.replace("\n", "") == (
+            "error: algorithm faulty: receive returned another position for robot 1 with half of "
+            "the robots on a worker than with all at tick 1; take a row from that robot's own row "
+            f"and in-edges alone, as received.mean does, {place}"
+        )
+        assert done.returncode == 2
+    assert not list(tmp_path.glob("s.mcap*"))
 
 
 MESSAGES = [
     (
+        "error",
         "x, Values(position=x.position, velocity=x.velocity[:, :1]), None",
         "send returned a velocity of shape (6, 1), expected (6, 2)",
     ),
     (
+        "failed",
         "x, Values(position=x.position + np.inf, velocity=x.velocity), None",
         "send returned a position of inf for robot 1 at tick 1",
     ),
     (
+        "error",
         "x, Values(position=x.position, velocity=x.velocity), np.ones(6, bool)",
         "send returned who sends; an algorithm that does so declares TRIGGERED = True",
     ),
 ]
 
 
-@pytest.mark.parametrize(("sent", "why"), MESSAGES)
-def test_a_message_that_cannot_travel_fails_the_run(faulty, sent, why):
+@pytest.mark.parametrize(("ending", "sent", "why"), MESSAGES)
+def test_a_message_that_cannot_travel_ends_the_run(faulty, ending, sent, why):
     done, at = faulty("run", RECEIVE, SEND.format(sent))
     assert done.stderr.replace("\n", "") == (
-        f"failed: algorithm faulty: {why}, {at('def send(self, now, x):')}"
+        f"{ending}: algorithm faulty: {why}, {at('def send(self, now, x):')}"
     )
-    assert done.returncode == 1
+    assert done.returncode == {"failed": 1, "error": 2}[ending]
 
 
 def test_a_class_that_declares_nothing_wrong_is_let_pass(faulty):
