@@ -9,6 +9,7 @@ the agents alone are: the robots' own q, q̇ and τ are then taken as recorded.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
+from itertools import count
 from os import PathLike
 from typing import Any, Literal, Never
 
@@ -27,6 +28,7 @@ from nrs_cosim.bus.topics import Topics
 from nrs_cosim.bus.transport import Item, Message
 from nrs_cosim.bus.validation import Records
 from nrs_cosim.orchestrator.engine.lockstep import TargetNode
+from nrs_cosim.orchestrator.engine.native.arranging import load_arranging
 from nrs_cosim.orchestrator.engine.plants import Find, find_recorded
 from nrs_cosim.orchestrator.engine.robots import Robots, wire_of
 from nrs_cosim.orchestrator.engine.worker import ReceivedSamples
@@ -42,10 +44,11 @@ from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.plant_fmu.plants import Array
 from nrs_cosim.recordings.channels import channels
 from nrs_cosim.recordings.errors import UnreadableError
-from nrs_cosim.recordings.mcap.columns import Columns
+from nrs_cosim.recordings.mcap.columns import Columns, columns, on_any_of
 from nrs_cosim.recordings.mcap.container import DamageError
 from nrs_cosim.recordings.mcap.container import Message as Recorded
-from nrs_cosim.recordings.mcap.ordering import concatenated, order, ranks
+from nrs_cosim.recordings.mcap.digest import Digest, digest_differs
+from nrs_cosim.recordings.mcap.ordering import ranks
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.ticks import ticks
 from nrs_cosim.recordings.recorder import Recorder
@@ -146,25 +149,53 @@ class _Samples:
         return ()
 
 
-class _Kept:
-    """A recording in memory, of one tick."""
+class _RunAgain:
+    """What the run says when it is run again: of a tick, and the digest of all so far.
+
+    A tick is arranged as a writer would, with the recording's channels, so that where all is the
+    same its records are the recording's, byte by byte.
+    """
 
     path: str | PathLike[str] = ""
 
-    def __init__(self, codecs: Codecs, n: int) -> None:
+    def __init__(self, codecs: Codecs, n: int, recorded: Mapping[int, str]) -> None:
         robots = range(1, n + 1)
         found = channels(codecs, n, robots, checkpoints=True, measuring=robots)
-        self.topics = dict(enumerate((channel.topic for channel in found), 1))
+        shared = {topic: number for number, topic in recorded.items()}
+        free = (number for number in count(1) if number not in recorded)
+        of = {shared.get(channel.topic) or next(free): channel for channel in found}
+        self.topics = {number: channel.topic for number, channel in of.items()}
         self.numbers = {topic: number for number, topic in self.topics.items()}
-        self._rank, self._said = ranks(self.topics), _said(self.topics)
+        self._said = on_any_of(_said(self.topics))
+        self._digest = Digest({number: one.topic for number, one in of.items() if one.counted})
+        self._arrange = load_arranging()(ranks(self.topics), self._digest)
+        self._pairs = Pairs(recorded, self.topics)
 
     def flush(self) -> None:
         """Do nothing: nothing is written."""
 
     def put(self, tick: Sequence[Columns]) -> None:
         """Take what a tick says of the run, and forget the one before."""
-        said = concatenated(tick).on(self._said)
-        self.tick = said.at(order(said, self._rank))
+        arranged = self._arrange([part.only(self._said[part.channel]) for part in tick])
+        self._digest.take(arranged.stream)
+        self._records = bytes(arranged.records.data)
+
+    def tick(self) -> Columns:
+        """Return the messages of the tick, in total order."""
+        return columns(self._records, self.topics)
+
+    def first_difference(self, recorded: Columns) -> int | None:
+        """Return the first row that is not as recorded; None where there is none."""
+        same = recorded.stretch() == self._records
+        return None if same else self._pairs.first(recorded, self.tick())
+
+    def difference_at(self, codecs: Mapping[str, Codec], recorded: Columns, row: int) -> Difference:
+        """Return what is not as recorded of a row."""
+        return difference_in(codecs, codecs, *self._pairs.at(recorded, self.tick(), row))
+
+    def digest(self) -> str:
+        """Return the digest of all ticks so far."""
+        return self._digest.hexdigest()
 
 
 def verify(reader: Reader, experiment: Experiment, *, plants: bool) -> Verification:
@@ -200,33 +231,37 @@ def _run_again(reader: Reader, experiment: Experiment, *, plants: bool) -> Verif
         ear = bus.listen(wire_key(SAMPLES, "*"), wire_key(RECORDS, "*"))
         wire = wire_of(experiment, {HERE: numbers}, Signer())
         target = TargetNode(bus, clock, wire, experiment.target)
-        kept, received = _Kept(experiment.codecs, n), _Samples()
-        recorder = Recorder(kept, wire, n, 0)
+        again, received = _RunAgain(experiment.codecs, n, reader.topics), _Samples()
+        recorder = Recorder(again, wire, n, 0)
         worker = robots.worker(HERE, bus, MemoryInbox(), wire)
         steps = worker.run(-1, lambda _time: None, received)
-        said, sample = _said(reader.topics), recorded_types(reader).channels["sample"]
-        pairs = Pairs(reader.topics, kept.topics)
+        said = on_any_of(_said(reader.topics))
+        sample = on_any_of(recorded_types(reader).channels["sample"])
         same, k = 0, -1
         for k, tick in enumerate(ticks(reader)):
-            recorded = tick.on(said)
+            recorded = tick.only(said[tick.channel])
             if not plants and (
                 absent := _absent_state(recorded.messages(reader.topics), clock, k, topics)
             ):
                 return Verification(
                     k - 1, same, absent, _unseen(reader, clock, k - 1), _missing(reader)
                 )
-            received.now = _records(reader, wire.samples, recorded.on(sample))
+            samples = recorded.only(sample[recorded.channel])
+            received.now = _records(reader, wire.samples, samples)
             target.publish_until(k)
             next(steps)
             for item in ear.take():
                 if isinstance(item, Message):
                     recorder.take(item)
             recorder.close(k)
-            if (row := pairs.first(recorded, kept.tick)) is not None:
-                pair = pairs.at(recorded, kept.tick, row)
-                return Verification(k, same + row, difference_in(codecs, codecs, *pair))
+            if (row := again.first_difference(recorded)) is not None:
+                return Verification(k, same + row, again.difference_at(codecs, recorded, row))
             same += len(recorded.time)
-    return Verification(k, same, None, _unseen(reader, clock, k), _missing(reader))
+    unseen, missing = _unseen(reader, clock, k), _missing(reader)
+    if not (unseen or missing or reader.computed) and again.digest() != reader.digest:
+        reader.damage.append(digest_differs(reader.digest_here))
+        missing = None
+    return Verification(k, same, None, unseen, missing)
 
 
 def _absent_state(tick: list[Recorded], clock: Clock, k: int, topics: Topics) -> Difference | None:

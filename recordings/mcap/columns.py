@@ -95,9 +95,7 @@ class Columns:
 
     def on(self, channels: Collection[int]) -> "Columns":
         """Return the messages on some channels."""
-        wanted = np.zeros(MANY, bool)
-        wanted[list(channels)] = True
-        return self.only(wanted[self.channel])
+        return self.only(on_any_of(channels)[self.channel])
 
     def within(self, start: int, end: int) -> "Columns":
         """Return the messages with start <= log_time < end, ns."""
@@ -107,6 +105,12 @@ class Columns:
         """Return all messages' bytes, one after the other; DamageError when one has not `size`."""
         demand(bool((self.stop - self.start == size).all()), "a message has another size")
         return rows_at(self.data, self.start, size).tobytes()
+
+    def stretch(self) -> bytes:
+        """Return the records from the first message's to the last one's, whatever is between."""
+        if not len(self.start):
+            return b""
+        return bytes(self.data[int(self.start[0]) - HEAD.itemsize : int(self.stop[-1])])
 
     def messages(self, topics: Mapping[int, str]) -> list[Message]:
         """Return them one by one; `topics` are those of the channels."""
@@ -124,6 +128,13 @@ class Columns:
         ]
 
 
+def on_any_of(channels: Collection[int]) -> NDArray[np.bool_]:
+    """Return whether each number of a channel, from 0 on, is one of those: (MANY,)."""
+    found = np.zeros(MANY, bool)
+    found[list(channels)] = True
+    return found
+
+
 def columns(
     records: bytes, channels: Collection[int], like: NDArray[np.int64] | None = None
 ) -> Columns:
@@ -134,8 +145,7 @@ def columns(
     """
     begins = _begins(records, like)
     heads = rows_at(records, begins, HEAD.itemsize).view(HEAD)
-    known = np.zeros(MANY, bool)
-    known[list(channels)] = True
+    known = on_any_of(channels)
     sound = (heads["kind"] == Opcode.MESSAGE) & (heads["length"] >= _LEAST)
     demand(bool((sound & known[heads["channel"]]).all()), _OTHER)
     return Columns(

@@ -70,3 +70,8 @@ class Digest:
     def hexdigest(self) -> str:
         """The digest of everything taken in so far, 64 hexadecimal characters."""
         return self._hash.hexdigest()
+
+
+def digest_differs(written: str) -> str:
+    """Say that messages have another digest than was written of them."""
+    return f"the messages had the digest {written} when written"

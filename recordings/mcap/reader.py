@@ -39,7 +39,7 @@ from nrs_cosim.recordings.mcap.container import (
     end_record,
 )
 from nrs_cosim.recordings.mcap.contents import Contents
-from nrs_cosim.recordings.mcap.digest import Digest
+from nrs_cosim.recordings.mcap.digest import Digest, digest_differs
 from nrs_cosim.recordings.mcap.layout import RecordFile, Span, find, parsed
 from nrs_cosim.recordings.mcap.ordering import order, ranks
 from nrs_cosim.recordings.metadata import About, EndRecord, parse, read_about
@@ -313,7 +313,7 @@ class Reader:
                 f"recording has the digest {ending.digest}"
             )
         elif computed != ending.digest:
-            self.damage.append(f"the messages had the digest {ending.digest} when written")
+            self.damage.append(digest_differs(ending.digest))
         elif not layout.intact:
             self.damage.append("a checksum differs or is missing, yet every message is as written")
 

@@ -11,14 +11,18 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.bus.transport import Message
+from nrs_cosim.orchestrator.engine.native.arranging import load_arranging
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import experiment_of
+from nrs_cosim.orchestrator.replay import verify as verify_module
 from nrs_cosim.orchestrator.replay.diff import compare
 from nrs_cosim.orchestrator.replay.publish import as_recorded
 from nrs_cosim.orchestrator.replay.verify import verify
 from nrs_cosim.orchestrator.replay.what_if import parent, run_again
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.file import changed, parse_scenario, read_scenario
+from nrs_cosim.recordings.mcap.arrangement import by_numpy
+from nrs_cosim.recordings.mcap.digest import Digest
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
 from tests.command import nrs
@@ -28,13 +32,16 @@ from tests.scenarios import PAPER, SCENARIOS, SHORT, example, paper
 from tests.topics import node_of
 
 
-def rewritten(path, into, change, **options):
-    """Write a recording again with some of its messages changed, every checksum right."""
+def rewritten(path, into, change, turn=1, **options):
+    """Write a recording again with some of its messages changed, every checksum right.
+
+    Its channels are in the same order, or, where `turn` is -1, from the last to the first.
+    """
     with Reader(path) as reader:
         writer = Writer(
             into,
             version="test",
-            channels=reader.channels,
+            channels=reader.channels[::turn],
             schemas=reader.schemas,
             metadata={k: v for k, v in reader.metadata.items() if k.startswith("nrs.")
                       and k not in ("nrs.begin", "nrs.end")},
@@ -126,6 +133,31 @@ def test_a_missing_or_extra_message_is_found_by_verify(tmp_path, plants, k):
         with Reader(tmp_path / "run.mcap") as whole:
             first = compare(whole, reader).first
             assert (first.topic, first.k, first.replayed) == ("/robot_3/state", k, "absent")
+
+
+def test_a_digest_that_is_not_of_the_messages_is_found_by_verify(tmp_path, monkeypatch):
+    path = run(paper({"run.duration": 0.2}), tmp_path / "run.mcap").path
+    with monkeypatch.context() as patched:
+        patched.setattr(Digest, "hexdigest", lambda _self: "0" * 64)
+        rewritten(path, tmp_path / "liar.mcap", lambda tick: tick)
+    with Reader(tmp_path / "liar.mcap") as reader:
+        assert (reader.computed, reader.damage) == (False, [])
+        found = verify(reader, experiment_of(reader), plants=False)
+        assert (found.status, found.difference, found.missing) == ("unverified", None, None)
+        assert reader.damage == [f"the messages had the digest {'0' * 64} when written"]
+
+
+@pytest.mark.parametrize("arranging", [load_arranging(), by_numpy], ids=["native", "numpy"])
+@pytest.mark.parametrize("turn", [1, -1], ids=["channels", "channels in another order"])
+def test_a_recording_verifies_whatever_its_channels_numbers_are(
+    tmp_path, monkeypatch, arranging, turn
+):
+    path = run(paper({"run.duration": 0.2}), tmp_path / "run.mcap").path
+    monkeypatch.setattr(verify_module, "load_arranging", lambda: arranging)
+    rewritten(path, tmp_path / "other.mcap", lambda tick: tick, turn)
+    with Reader(path) as one, Reader(tmp_path / "other.mcap") as other:
+        assert one.digest == other.digest
+        assert verify(other, experiment_of(other), plants=False).status == "identical"
 
 
 ONE_HEAVY = "robots=3,plant.parameters={ m2 = 3.0 },controller.kp=150.0"
