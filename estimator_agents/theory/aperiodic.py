@@ -27,6 +27,8 @@ from nrs_cosim.estimator_agents.theory.varying import joint_spectral_radius
 
 Complex = NDArray[np.complex128]
 ConvergenceStatus = Literal["proven", "refuted", "not decided"]
+KNOWN = 1e-6
+"""Of a radius: bounds that are nearer are one number."""
 
 PIECES = 3
 """Of the span of δ, each in the hull of three points."""
@@ -82,8 +84,11 @@ class RadiusBounds:
 
     @property
     def radius(self) -> float:
-        """The radius, where it is known; else not a number."""
-        return self.upper if self.upper == self.lower else nan
+        """The radius, at most, where it is known to a millionth; else not a number."""
+        if self.upper == self.lower:
+            return self.upper
+        near = self.upper - self.lower <= KNOWN * self.upper
+        return self.upper if near and self.status != "not decided" else nan
 
 
 def radius_bounds(algorithm: Algorithm, spectrum: Spectrum, periods: Periods) -> RadiusBounds:

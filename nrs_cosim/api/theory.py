@@ -1,10 +1,12 @@
 """What the theory says of a scenario before it runs, as `nrs check` shows it."""
 
-from typing import Any
+from math import isnan
+from typing import Any, Literal
 
 from nrs_cosim.api.scenario import Scenario, experiment_of
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.orchestrator.analysis.bounds import Bound, bounds, ultimate_bounds
+from nrs_cosim.orchestrator.analysis.check_warnings import warnings_of
 from nrs_cosim.orchestrator.analysis.conclusion import theory_json
 from nrs_cosim.orchestrator.analysis.conditions import check as check_experiment
 from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
@@ -20,14 +22,48 @@ class Theory:
         experiment, self._scenario = experiment_of(scenario), scenario
         find = Sampling(experiment)
         self._checked = check_experiment(experiment, find)
-        self._bounds_of_run = ultimate_bounds(experiment, self._checked.rho, find)
+        self._bounds_of_run = ultimate_bounds(experiment, self._checked.links.radius, find)
         self.bounds: tuple[Bound, ...] = tuple(bounds(self._bounds_of_run))
         """What estimation and tracking errors come to in steady state, by quantity."""
 
     @property
+    def convergence(self) -> Literal["converges", "diverges", "unknown"]:
+        """Whether the estimates converge over the links that the scenario has, as far as proven."""
+        return self._checked.convergence
+
+    @property
     def spectral_radius(self) -> float:
-        """ρ of the estimation error's recursion: it converges if and only if ρ < 1."""
+        """ρ of the estimation error's recursion over the links that the scenario has.
+
+        Over links that are late by fixed times, or without faults, the estimates converge if and
+        only if ρ < 1. Where samples are lost it is of the root of the mean square of errors: they
+        converge in mean square if and only if it is below 1. Where delays or sampling times are
+        drawn ρ lies between `spectral_radius_bounds`, and is not a number unless these are one;
+        nor is it where robots lie, or nothing is known.
+
+        Example:
+            >>> import nrs_cosim as nrs
+            >>> slow = nrs.Scenario.load("scenarios/paper_example_3a.toml").replace(
+            ...     {"run.sampling_period": 0.4, "run.output_step": 0.4}
+            ... )
+            >>> late = nrs.check(slow.replace({"faults.links": [{"delay": 1}]}))
+            >>> late
+            Theory(diverges, spectral radius 1.01178; of links without faults: all conditions hold)
+            >>> round(late.spectral_radius_without_faults, 4), late.warnings[0][:38]
+            (0.8901, 'over these links the estimates diverge')
+        """
         return self._checked.spectral_radius
+
+    @property
+    def spectral_radius_bounds(self) -> tuple[float, float]:
+        """Between what ρ lies over the links that the scenario has; not numbers if not known."""
+        radius = self._checked.links.radius
+        return radius.lower, radius.upper
+
+    @property
+    def spectral_radius_without_faults(self) -> float:
+        """ρ if no link had a fault and no robot lied, which the conditions are of as well."""
+        return self._checked.rho.radius
 
     @property
     def conditions(self) -> tuple[Condition, ...]:
@@ -36,8 +72,12 @@ class Theory:
 
     @property
     def warnings(self) -> list[str]:
-        """A line for each condition that does not hold, and for estimates that do not converge."""
-        return self._checked.warnings()
+        """A line for each condition that does not hold, and one where convergence is not sure.
+
+        It is not sure where the estimates diverge over the links that there are, and where it is
+        not proven that they converge over links with faults.
+        """
+        return warnings_of(self._checked)
 
     def worst_target(self) -> Scenario:
         """Return the scenario with a target that does the worst that any within γ1 and γ2 can.
@@ -63,12 +103,16 @@ class Theory:
         return theory_json(self._checked, self._bounds_of_run)
 
     def __repr__(self) -> str:
-        """Return whether all conditions hold, and the spectral radius."""
+        """Return whether the estimates converge and all conditions hold."""
+        checked = self._checked
         broken = [condition.name for condition in self.conditions if not condition.holds]
         kept = f"violated: {', '.join(broken)}" if broken else "all conditions hold"
-        if self._checked.premise:
-            kept += f", of {self._checked.premise}"
-        return f"Theory(spectral radius {self.spectral_radius:.6g}, {kept})"
+        kept = f"of {checked.premise}: {kept}" if checked.premise else kept
+        low, high = self.spectral_radius_bounds
+        known = not isnan(self.spectral_radius)
+        radius = f"{self.spectral_radius:.6g}" if known else f"{low:.6g} to {high:.6g}"
+        number = "" if isnan(high) else f", {checked.links.radius_name} {radius}"
+        return f"Theory({self.convergence}{number}; {kept})"
 
 
 def check(scenario: Scenario) -> Theory:
@@ -87,7 +131,7 @@ def check(scenario: Scenario) -> Theory:
         >>> import nrs_cosim as nrs
         >>> theory = nrs.check(nrs.Scenario.load("scenarios/paper_first_order.toml"))
         >>> theory
-        Theory(spectral radius 0.877817, all conditions hold)
+        Theory(converges, spectral radius 0.877817; all conditions hold)
         >>> [condition.name for condition in theory.conditions][:2]
         ['alpha', 'beta']
     """

@@ -29,6 +29,7 @@ from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius
 from nrs_cosim.orchestrator.analysis.chords import chords_of
 from nrs_cosim.orchestrator.analysis.conditions import finite
 from nrs_cosim.orchestrator.analysis.convergence import (
+    UNKNOWN,
     lasting,
     periods_of,
     recursions_of,
@@ -36,7 +37,7 @@ from nrs_cosim.orchestrator.analysis.convergence import (
     spectra_of,
 )
 from nrs_cosim.orchestrator.analysis.known import Known, of_drawn_delays, of_recursion, of_step
-from nrs_cosim.orchestrator.analysis.link_recursions import step_of_run
+from nrs_cosim.orchestrator.analysis.link_recursions import factor_over_links, step_of_run
 from nrs_cosim.orchestrator.analysis.missing_bounds import why_no_bounds
 from nrs_cosim.orchestrator.analysis.noise import (
     NoiseAnalysis,
@@ -192,9 +193,9 @@ TRACKED = ("paper", "paper_of_worst_case", "worst_case")
 
 @np.errstate(all="ignore")  # what overflows is infinite, or not a number: no bound
 def ultimate_bounds(
-    experiment: Experiment, rho: RadiusBounds | None = None, find: Find | None = None
+    experiment: Experiment, radius: RadiusBounds | None = None, find: Find | None = None
 ) -> UltimateBounds:
-    """Return the bounds of an experiment; ρ is found unless it is given.
+    """Return the bounds of an experiment; the radius over its links is found unless it is given.
 
     `find` is as `plant_bounds` has it.
     """
@@ -206,16 +207,15 @@ def ultimate_bounds(
     recursions = recursions_of(algorithm, topologies, periods.constant_period or middle)
     recursion = lasting(recursions, topologies)
     spectra = spectra_of(topologies)
-    if rho is None:
-        rho = rho_of(algorithm, topologies, spectra, periods)
+    if radius is None and experiment.impaired:
+        radius = factor_over_links(experiment, spectra[-1][0], periods) or UNKNOWN
+    rho = radius or rho_of(algorithm, topologies, spectra, periods)
     robots = plant_bounds(experiment, find)
     whole = target.bounds()
     step, since = step_of_run(experiment, periods, recursions)
     links_bounded = not experiment.impaired or step is not None
-    if experiment.impaired and step:
-        rho = RadiusBounds(*[step.radius(spectra[-1][0])] * 2)
-        if step.longest or not recursions:
-            recursions, recursion = [], None
+    if experiment.impaired and step and (step.longest or not recursions):
+        recursions, recursion = [], None
     why_not = why_no_bounds(experiment, algorithm, recursions, recursion, step, rho, links_bounded)
     added, gaps = None, None
     if not why_not and (nominal or rounds(experiment)):
@@ -237,8 +237,8 @@ def ultimate_bounds(
         if not periods.early:
             both = worst_case_of_list(recursion, periods.gaps, *whole, rho.radius)
         if both is None:
-            radius = spectral_radius(modes(algorithm, spectra[-1], middle))
-            both = worst_case_aperiodic(recursion, r, *whole, radius)
+            of_middle = spectral_radius(modes(algorithm, spectra[-1], middle))
+            both = worst_case_aperiodic(recursion, r, *whole, of_middle)
         known = Known(None, *(both or ()))
     elif recursion is not None and not why_not:
         known = of_recursion(recursion, target, rho.radius, added, topologies.switching)

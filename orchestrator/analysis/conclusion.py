@@ -7,10 +7,9 @@ from dataclasses import asdict, dataclass
 from math import isnan
 from typing import Any, Literal
 
-from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
 from nrs_cosim.orchestrator.analysis.bounds import UltimateBounds, pair_json
 from nrs_cosim.orchestrator.analysis.conditions import Check, finite
-from nrs_cosim.orchestrator.analysis.links import LinkStatus
+from nrs_cosim.orchestrator.analysis.links import LinkAnalysis, LinkStatus
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,18 +40,16 @@ class Conclusion:
 def conclusion(checked: Check, ultimate: UltimateBounds) -> Conclusion:
     """Return what follows from the analysis of one experiment."""
     links = checked.links
-    radius = links.radius or checked.rho
     known = links.status != "unknown"
-    growth = links.simulated or radius
     steady = ultimate.steady_state
     bound = steady or ultimate.worst_case
     return Conclusion(
         status=links.status,
         proven=known and links.proven,
-        source=(links.source or _radius(radius)) if known else "",
+        source=(links.source or _radius(links)) if known else "",
         why_unknown="" if known else _why_unknown(checked),
-        settling_time=None if checked.premise else checked.settling_time,
-        growth=finite(growth.lower) if links.status == "diverges" else None,
+        settling_time=checked.settling_time,
+        growth=finite(links.growth),
         within=pair_json(bound),
         of=""
         if bound is None
@@ -66,10 +63,9 @@ def theory_json(checked: Check, ultimate: UltimateBounds) -> dict[str, Any]:
     return {**said, **checked.as_json(), **ultimate.as_json()}
 
 
-def _radius(radius: RadiusBounds) -> str:
-    """Say on which side of 1 a factor is."""
-    joint = "" if radius.lower == radius.upper else "joint "
-    return f"{joint}spectral radius {'< 1' if radius.upper < 1 else '>= 1'}"
+def _radius(links: LinkAnalysis) -> str:
+    """Say on which side of 1 a radius is."""
+    return f"{links.radius_name} {'< 1' if links.radius.upper < 1 else '>= 1'}"
 
 
 def _why_unknown(checked: Check) -> str:

@@ -44,7 +44,6 @@ from nrs_cosim.orchestrator.analysis.switching import (
 )
 from nrs_cosim.orchestrator.engine.layouts import expect_same_on_any_workers
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.orchestrator.scenario.robot_ids import multiple
 
 _OF_ONE_ROBOT = (TRACKING, POSITIVE)
 """Where conditions come from that are of a robot by itself, whatever others say."""
@@ -63,7 +62,7 @@ class Check:
     spectrum: list[tuple[float, float]]
     """Eigenvalues of D, (real, imaginary), by real then imaginary part; of all digraphs."""
     rho: RadiusBounds
-    """Of the estimation error."""
+    """Of the estimation error, over links without faults and among robots that do not lie."""
     why: str
     """Why that is not known, where it is not a number."""
     alpha_beta_bound: float
@@ -82,9 +81,9 @@ class Check:
     links: LinkAnalysis
     """What follows from what links do to samples."""
     impaired: bool
-    """Whether links have faults, which ρ knows nothing of."""
+    """Whether links have faults, which `rho` and the conditions know nothing of."""
     byzantine: tuple[int, ...]
-    """The robots that lie, which it knows nothing of either."""
+    """The robots that lie, which they know nothing of either."""
     lying_by: Sequence[tuple[int, str]]
     """Those of them that lie by another algorithm, and by which."""
     hull: HonestHull | None
@@ -94,7 +93,7 @@ class Check:
 
     @property
     def premise(self) -> str:
-        """What ρ and the conditions are of, where the scenario is not; empty where it is."""
+        """What `rho` and the conditions are of, where the scenario is not; empty where it is."""
         parts = ["links without faults"] * self.impaired
         parts += ["robots that do not lie"] * bool(self.byzantine)
         return " and ".join(parts)
@@ -112,8 +111,8 @@ class Check:
 
     @property
     def spectral_radius(self) -> float:
-        """ρ of the estimation error's recursion: it converges if and only if ρ < 1."""
-        return self.rho.radius
+        """ρ over the links that the scenario has, of `links.radius`; not a number if not known."""
+        return self.links.radius.radius
 
     @property
     def whole_spectrum(self) -> bool:
@@ -122,14 +121,17 @@ class Check:
 
     @property
     def rate(self) -> float:
-        """−ln ρ / h, per s: asymptotically an error falls as e^(−rate t)."""
-        radius = self.spectral_radius
+        """−ln ρ / h, per s, for the largest that ρ may be: errors fall as e^(−rate t) or faster.
+
+        Where links lose samples it is of the root of their mean square.
+        """
+        radius = self.links.radius.upper
         return -log(radius) / self.periods.mean if radius > 0 else inf if radius == 0 else radius
 
     @property
     def settling_time(self) -> float | None:
         """s, from the beginning, until any error is a millionth of it; None where not known."""
-        if self.recursion is None or not self.rho.upper < 1:
+        if self.premise or self.recursion is None or not self.rho.upper < 1:
             return None
         ticks = ticks_until(self.recursion, 1e-6)
         return None if ticks is None else ticks * self.recursion.h
@@ -141,7 +143,7 @@ class Check:
             "algorithm": self.algorithm,
             "parameters": {**self.parameters},
             "convergence": self.convergence,
-            "of": self.premise or "the links as they are",
+            "conditions_of": self.premise or "the links as they are",
             "byzantine": list(self.byzantine),
             "honest": None
             if self.hull is None
@@ -149,6 +151,7 @@ class Check:
             "lying_by": [{"robot": robot, "algorithm": by} for robot, by in self.lying_by],
             "spectrum": self.spectrum,
             "spectral_radius": finite(self.spectral_radius),
+            "spectral_radius_without_faults": finite(self.rho.radius),
             "alpha_beta_bound": finite(self.alpha_beta_bound),
             "h_bound": finite(self.h_bound),
             "spanning_tree": self.spanning_tree,
@@ -156,16 +159,16 @@ class Check:
             "network": asdict(self.network) if self.network else None,
             "period": self.periods.mean,
             "whole_spectrum": self.whole_spectrum,
-            "links": {**self.links.as_json(), "rate": self.links.rate(self.periods.mean)},
+            "links": self.links.as_json(),
             "rate": finite(self.rate),
-            "settling_time": None if self.premise else self.settling_time,
+            "settling_time": self.settling_time,
         }
         if self.periods.constant_period is None:
             result["aperiodic"] = {
                 "shortest": self.periods.shortest,
                 "longest": self.periods.longest,
-                **_bounds(self.rho),
-                "status": self.rho.status,
+                **_bounds(self.links.radius),
+                "status": "unknown" if isnan(self.links.radius.upper) else self.links.radius.status,
             }
         if self.chords:
             result["reference"] = asdict(self.chords)
@@ -191,15 +194,6 @@ class Check:
         }
         return known.get(self.links.status, "unknown") if self.links.proven else "unknown"
 
-    def warnings(self) -> list[str]:
-        """Return one line for each condition that does not hold, and one if the error grows.
-
-        Where links have faults or robots lie, each says that it is of those without.
-        """
-        found = self._warnings()
-        found = [f"of {self.premise}: {one}" for one in found] if self.premise else found
-        return [_warning(c, self.algorithm) for c in self._violated if c.of_liars] + found
-
     def status(self, condition: Condition) -> ConditionStatus:
         """Return whether a condition holds; void where that proves nothing, for robots lie."""
         if isnan(condition.margin):
@@ -208,30 +202,6 @@ class Check:
             return "violated"
         presumes = not condition.of_liars and condition.source not in _OF_ONE_ROBOT
         return "void" if self.byzantine and presumes else "holds"
-
-    @property
-    def _violated(self) -> list[Condition]:
-        return [c for c in self.conditions if not c.holds and c.source != TRACKING]
-
-    def _warnings(self) -> list[str]:
-        unmet = [_warning(c, self.algorithm) for c in self._violated if not c.of_liars]
-        if self.spectral_radius >= 1:
-            unmet.append(
-                f"the estimates diverge: their error grows by a factor of "
-                f"{multiple(self.spectral_radius)} at each sampling time"
-            )
-        elif self.rho.lower >= 1:
-            unmet.append(
-                f"some jitter lets the estimates diverge: their error grows by a factor of "
-                f"{multiple(self.rho.lower)} at each sampling time"
-            )
-        elif self.rho.upper >= 1:
-            unmet.append(
-                f"it is not decided whether the estimates converge under every jitter: at worst "
-                f"their error is multiplied by {multiple(self.rho.lower)} to "
-                f"{multiple(self.rho.upper)} at each sampling time"
-            )
-        return unmet
 
 
 @np.errstate(all="ignore")  # what overflows is infinite, or not a number: no bound
@@ -329,23 +299,3 @@ def _phase_json(phase: Phase, status: Callable[[Condition], str]) -> dict[str, A
             for digraph in phase.digraphs
         ],
     }
-
-
-def _warning(condition: Condition, algorithm: str) -> str:
-    if condition.source == POSITIVE:
-        return f"{condition.name} is not positive definite: an eigenvalue is {condition.right:g}"
-    if condition.of_liars:
-        return (
-            f"{condition.name} is {condition.left:g}, and {condition.source} "
-            f"{'is not computed' if isnan(condition.right) else f'is {condition.right:g}'}: "
-            f"robots that lie may draw the others away"
-        )
-    if not condition.right > 0:
-        return (
-            f"algorithm {algorithm}: no {condition.name} above 0 is within the bound of "
-            f"{condition.source}, {condition.right:.6g}; got {condition.left:g}"
-        )
-    return (
-        f"{condition.name} = {condition.left:g} is outside (0, {condition.right:.6g}), "
-        f"the bound of {condition.source}"
-    )

@@ -8,7 +8,7 @@ noise, rounding and duplicates do not decide convergence.
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from math import isfinite, isnan, log
+from math import isfinite, isnan
 from typing import Any, Literal
 
 import numpy as np
@@ -36,6 +36,7 @@ from nrs_cosim.estimator_agents.theory.switching import (
     contracts_in_any_order,
     gains_up_to_one,
 )
+from nrs_cosim.orchestrator.analysis.convergence import UNKNOWN
 from nrs_cosim.orchestrator.analysis.link_faults import (
     LinkFaults,
     lasting_digraph,
@@ -55,7 +56,7 @@ LinkStatus = Literal[
     "converges", "converges in mean square", "converges almost surely", "diverges", "unknown"
 ]
 _ALWAYS, _SOMETIMES, _OFTEN = "statement D3", "statement L3", "statement L4"
-_IN_TURN, OF_SQUARES = "statement D6", ("statement L1", "statement L7")
+_IN_TURN, _OF_SQUARES = "statement D6", ("statement L1", "statement L7")
 _ITERATED = "statement D1, by Arnoldi's method"
 _STATUS: dict[str, LinkStatus] = {"proven": "converges", "refuted": "diverges"}
 
@@ -82,8 +83,10 @@ class LinkAnalysis:
     """The statement from which it follows; empty where links do nothing."""
     why: str = ""
     """Why it is not known, where it is not."""
-    radius: RadiusBounds | None = None
-    """Of the recursion over these links, or jointly of all that delays may make of it."""
+    radius: RadiusBounds = UNKNOWN
+    """By what errors are multiplied at a sampling time over these links: ρ where they are late by
+    fixed times, or sound; jointly of all that drawn delays may make of it; of the root of the mean
+    square where samples are lost. Not a number where it is not known."""
     delays: tuple[int, int] = (0, 0)
     """The shortest and the longest, sampling periods."""
     margin: DelayMargin | None = None
@@ -99,17 +102,24 @@ class LinkAnalysis:
             return False
         return self.source != _OFTEN or bool(self.loss and self.loss.almost_sure.lower >= 1)
 
-    def rate(self, h: float) -> float | None:
-        """Return how fast errors fall asymptotically, per s, at least; None where not known.
+    @property
+    def radius_name(self) -> str:
+        """What the radius is called."""
+        if self.loss:
+            return "mean-square radius"
+        return "joint spectral radius" if isnan(self.radius.radius) else "spectral radius"
 
-        It is of their mean squares' roots where samples are lost.
-        """
-        of = self.loss.mean_square if self.source in OF_SQUARES and self.loss else self.radius
-        return -log(of.upper) / h if of and 0 < of.upper < 1 else None
+    @property
+    def growth(self) -> float | None:
+        """What errors are multiplied by at a sampling time, at least; None if not diverging."""
+        almost_surely = [self.simulated, self.loss.almost_sure if self.loss else None]
+        known = [one.lower for one in almost_surely if one] or [self.radius.lower]
+        return max(known) if self.status == "diverges" else None
 
     def as_json(self) -> dict[str, Any]:
         """Return the analysis for JSON."""
-        return {**_finite(asdict(self)), "delays": list(self.delays), "proven": self.proven}
+        derived = {"radius_name": self.radius_name, "proven": self.proven}
+        return {**_finite(asdict(self)), "delays": list(self.delays), **derived}
 
 
 def _finite(value: Any) -> Any:
@@ -127,7 +137,7 @@ def link_analysis(
     alone = lasting_digraph(experiment.topologies)
     margin = delay_margin(step, spectrum) if step and alone else None
     if not experiment.impaired and not experiment.byzantine:
-        return LinkAnalysis(_STATUS.get(rho.status, "unknown"), margin=margin)
+        return LinkAnalysis(_STATUS.get(rho.status, "unknown"), margin=margin, radius=rho)
     faults = link_faults_of(experiment)
     delays = int(faults.least.min()), int(faults.most.max())
     found = LinkAnalysis("unknown", delays=delays, margin=margin)
@@ -236,7 +246,7 @@ def _of_losses(
     if lossy and radius and isfinite(radius.upper):
         critical = critical_loss(lambda loss: at(np.where(faults.loss > 0, loss, 0.0)), phases)
         sure = almost_sure(lossy, radius.upper, phases)
-        found = replace(found, loss=LossAnalysis(radius, sure, critical))
+        found = replace(found, loss=LossAnalysis(radius, sure, critical), radius=radius)
     if proof:
         return replace(found, status="converges in mean square", source=_SOMETIMES)
     if found.loss is None:
@@ -245,6 +255,9 @@ def _of_losses(
             why="of so many links that lose samples, or of delays drawn beside, it is not computed",
         )
     if found.loss.mean_square.status == "proven":
-        source = OF_SQUARES[len(phases) > 1]
+        source = _OF_SQUARES[len(phases) > 1]
         return replace(found, status="converges in mean square", source=source)
+    if radius and radius.status == "refuted":
+        why = "in mean square the estimates diverge, and of almost every run it is not decided"
+        return replace(found, why=why)
     return replace(found, why="it is not decided in mean square, nor by simulation")

@@ -95,7 +95,7 @@ def check(
         begin("whether the estimates converge")
         checked = theory_of(experiment, find)
         begin("bounds of the steady state")
-        ultimate = ultimate_bounds(experiment, checked.rho, find)
+        ultimate = ultimate_bounds(experiment, checked.links.radius, find)
         for part in ultimate.stiff:
             say("yellow", "warning", part.sentence())
         if worst_target and output:

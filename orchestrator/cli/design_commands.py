@@ -122,7 +122,7 @@ def _show(
             raise InputError(f"-o {output}: nothing is found that would be written")
         write_scenario(output, experiment, text)
     checked = check(changed, find)
-    ultimate = ultimate_bounds(changed, checked.rho, find)
+    ultimate = ultimate_bounds(changed, checked.links.radius, find)
     if as_json:
         print_json(
             {

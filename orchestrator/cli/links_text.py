@@ -1,5 +1,6 @@
 """What links do to convergence, in lines by name and in the sentence that follows from them."""
 
+from math import isnan
 from typing import TYPE_CHECKING
 
 from nrs_cosim.bus.plurals import count_of
@@ -35,14 +36,11 @@ def link_rows(links: "LinkAnalysis") -> dict[str, str]:
 def links_sentence(links: "LinkAnalysis") -> str:
     """Say what follows from links, and by which statement."""
     number = ""
-    if links.radius:
-        joint = "" if links.radius.lower == links.radius.upper else "joint "
-        number = f"{joint}spectral radius {_interval(links.radius)} with {_late(links)}: "
-    elif links.loss and links.source in ("statement L1", "statement L7"):
-        number = f"mean-square radius {_interval(links.loss.mean_square)} with these losses: "
+    if not isnan(links.radius.upper):
+        over = "with these losses" if links.loss else f"with {_late(links)}"
+        number = f"{links.radius_name} {_interval(links.radius)} {over}: "
     elif links.source in ("statement D3", "statement D6", "statement L3"):
-        number = "whatever links delay" + " or lose: " * (links.source[-2:] == "L3")
-        number = number if number.endswith(" ") else f"{number}: "
+        number = "whatever links delay" + " or lose" * (links.source[-2:] == "L3") + ": "
     status = {
         "converges": CONVERGE,
         "converges in mean square": f"{CONVERGE} in mean square",
@@ -54,7 +52,7 @@ def links_sentence(links: "LinkAnalysis") -> str:
     if links.source == "statement L4" and links.loss:
         refuted = links.loss.mean_square.status == "refuted"
         how += ", and in mean square they diverge" * (refuted and links.status != "diverges")
-    return f"{number}{status}{how} ({links.source})"
+    return f"{number}{status}{how}" + f" ({links.source})" * bool(links.source)
 
 
 def noise_sentence(noise: "NoiseAnalysis") -> str:

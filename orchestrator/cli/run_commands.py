@@ -59,6 +59,7 @@ def run(
     compiling: Compile = False,
 ) -> None:
     """Run a scenario and record every message."""
+    from nrs_cosim.orchestrator.analysis.check_warnings import warnings_of
     from nrs_cosim.orchestrator.analysis.conditions import check
     from nrs_cosim.orchestrator.analysis.stiffness import mobility_at_start, stiffness
     from nrs_cosim.orchestrator.cli.terminal_run import pace_of
@@ -72,7 +73,7 @@ def run(
     if compiling:
         with naming_field(scenario_name(scenario)):
             experiment = with_compiled_fmus(experiment)
-    for warning in check(experiment).warnings():
+    for warning in warnings_of(check(experiment)):
         say("yellow", "warning", warning)
     for part in stiffness(experiment, mobility_at_start(experiment)):
         say("yellow", "warning", part.sentence())

@@ -54,10 +54,7 @@ def convergence_rows(checked: "Check") -> dict[str, str]:
             f"{periods.shortest:g} to {periods.longest:g} s after one another, "
             f"{periods.mean:g} s in the mean"
         )
-    over_links = checked.links.rate(periods.mean)
-    if over_links is not None:
-        rows["rate"] = f"{over_links:.4g} per s asymptotically, at least"
-    elif checked.rate > 0 and checked.links.status != "diverges":
+    if checked.rate > 0:
         rows["rate"] = _rate(checked)
     if liars := checked.byzantine:
         by = "".join(f", robot {robot} by {other}" for robot, other in checked.lying_by)
@@ -107,8 +104,8 @@ def _networks(checked: "Check") -> dict[str, str]:
             f"{_spectrum(digraph.spectrum, checked.whole_spectrum)}"
             for digraph in phase.digraphs
         )
-        alone = "" if len(checked.phases) == 1 else f"; alone it has {_alone(phase.rho)}"
-        rows[f"k >= {phase.since}"] = digraphs + alone
+        alone = f"; alone it has {_alone(phase.rho)}{_of(checked)}"
+        rows[f"k >= {phase.since}"] = digraphs + alone * (len(checked.phases) > 1)
     if len(checked.phases) == 1:
         return {"networks": rows.popitem()[1]}
     more = f", of which {MAX_SHOWN} are shown" if len(checked.phases) > MAX_SHOWN else ""
@@ -136,11 +133,11 @@ def _alone(rho: "RadiusBounds") -> str:
 
 def _convergence(checked: "Check") -> str:
     """Say the spectral radius, and what follows from it."""
-    rho = checked.rho
+    rho, links = checked.rho, checked.links
     if isnan(rho.upper):
         return f"none: {checked.why}"
-    if checked.links.source:
-        return links_sentence(checked.links)
+    if links.source or (checked.premise and not isnan(links.radius.upper)):
+        return links_sentence(links)
     if checked.premise:
         lower, upper = multiple(rho.lower), multiple(rho.upper)
         radius = lower if rho.lower == rho.upper else f"{lower} to {upper}"
@@ -163,12 +160,13 @@ def _convergence(checked: "Check") -> str:
 def _rate(checked: "Check") -> str:
     """Say how fast errors fall asymptotically, and the settling time of any initial error."""
     rate = "without limit" if checked.rate == inf else f"{checked.rate:.4g} per s"
-    rate += " asymptotically" + _of(checked)
+    rate += " asymptotically"
     fallen = checked.settling_time
     if checked.premise:
-        return rate
+        return f"{rate}, at least"
     if fallen is None:
-        return f"{rate}; settling time not computed"
+        at_least = ", at least" * isnan(checked.spectral_radius)
+        return f"{rate}{at_least}; settling time not computed"
     return f"{rate}; settling time {fallen:.4g} s, to a millionth of any initial error"
 
 

@@ -50,7 +50,7 @@ def _theory(experiment: Experiment) -> tuple[Check, UltimateBounds] | None:
     if isinstance(experiment.scenario.algorithm, NotInstalled):
         return None
     checked = check(experiment)
-    return checked, ultimate_bounds(experiment, checked.rho)
+    return checked, ultimate_bounds(experiment, checked.links.radius)
 
 
 def subject_of(
@@ -73,7 +73,7 @@ def subject_of(
         joints=[_joint(number, joints) for number in range(1, experiment.m + 1)],
         conditions=_condition_rows(checked) if checked else [],
         spectral_radius=None
-        if checked is None or checked.premise
+        if checked is None or checked.links.loss  # no run falls by a mean-square radius
         else finite(checked.spectral_radius),
         byzantine=experiment.byzantine,
         bounds=_bounds(ultimate) if ultimate else {},

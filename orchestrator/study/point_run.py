@@ -193,11 +193,11 @@ def _theory(checked: Check, ultimate: UltimateBounds, compared: TheoryComparison
         }
         for name, row in zip(QUANTITIES, compared.quantities, strict=False)
     }
-    loss = checked.links.loss if checked.links else None
+    loss = checked.links.loss
     return {
         "convergence": checked.convergence,
-        "spectral_radius": _finite(checked.rho.upper),
-        "spectral_radius_lower": _finite(checked.rho.lower),
+        "spectral_radius": _finite(checked.links.radius.upper),
+        "spectral_radius_lower": _finite(checked.links.radius.lower),
         "margin": smallest_margin(checked),
         "critical_loss": loss.critical if loss else None,
         "violated": ", ".join(c.name for c in checked.conditions if not c.holds),
@@ -237,7 +237,7 @@ class _Same:
 @lru_cache(maxsize=32)
 def _remembered(same: _Same) -> tuple[Check, UltimateBounds]:
     checked = check_experiment(same.experiment)
-    return checked, ultimate_bounds(same.experiment, checked.rho)
+    return checked, ultimate_bounds(same.experiment, checked.links.radius)
 
 
 class _FmusMissingError(Exception):

@@ -11,6 +11,7 @@ from rich.console import Console
 from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
 from nrs_cosim.orchestrator.analysis.accuracy import designed
 from nrs_cosim.orchestrator.analysis.bounds import Bound, bounds, ultimate_bounds
+from nrs_cosim.orchestrator.analysis.check_warnings import warnings_of
 from nrs_cosim.orchestrator.analysis.comparison import (
     ComparedQuantity,
     TheoryComparison,
@@ -165,7 +166,7 @@ def test_robots_with_their_own_controller_have_their_own_bounds():
     assert [part.robots for part in parts] == [(1, 2, 4, 5, 6), (3,)]
     kp = tracking_conditions(scenario)[0]
     assert (kp.name, kp.right, kp.holds) == ("kp (tracking)", 25.0, True)
-    assert check(scenario).warnings() == []
+    assert warnings_of(check(scenario)) == []
 
 
 @pytest.mark.parametrize(
@@ -220,7 +221,7 @@ def test_gains_below_the_theorems_give_no_warning():
     scenario = paper({"controller.kp": 10.0})
     kp = {c.name: c for c in check(scenario).conditions}["kp (tracking)"]
     assert not kp.holds
-    assert check(scenario).warnings() == []
+    assert warnings_of(check(scenario)) == []
 
 
 def test_v_of_the_proof_decreases_where_inequality_1_8_says_so(tmp_path):

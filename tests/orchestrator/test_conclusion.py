@@ -15,7 +15,7 @@ AT_04 = {"run": {"duration": 8.0, "sampling_period": 0.4}}
 def concluded(base, changes=None):
     experiment = example(base, changes or {})
     checked = check(experiment)
-    return conclusion(checked, ultimate_bounds(experiment, checked.rho))
+    return conclusion(checked, ultimate_bounds(experiment, checked.links.radius))
 
 
 @pytest.mark.parametrize(

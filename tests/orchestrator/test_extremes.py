@@ -9,6 +9,7 @@ import pytest
 import nrs_cosim as nrs
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.analysis.bounds import bounds, ultimate_bounds
+from nrs_cosim.orchestrator.analysis.check_warnings import warnings_of
 from nrs_cosim.orchestrator.analysis.conditions import check
 from tests.cases import ALL, cases
 from tests.command import nrs as nrs_command
@@ -79,9 +80,9 @@ def checked(given):
     """Ask the theory of given all that `nrs check` shows."""
     scenario = example(given)
     result = check(scenario)
-    ultimate = ultimate_bounds(scenario, result.rho)
+    ultimate = ultimate_bounds(scenario, result.links.radius)
     bounds(ultimate)
-    result.warnings()
+    warnings_of(result)
     json.dumps([result.as_json(), ultimate.as_json()], allow_nan=False)
 
 

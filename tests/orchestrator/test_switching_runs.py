@@ -6,6 +6,7 @@ import pytest
 from nrs_cosim.bus.matrices import as_array
 from nrs_cosim.orchestrator.analysis.accuracy import designed
 from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
+from nrs_cosim.orchestrator.analysis.check_warnings import warnings_of
 from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.engine.run import past_of, run
@@ -107,7 +108,7 @@ def test_a_periodic_switching_run_is_within_its_bounds(tmp_path):
     assert result["switching"]["repeat"] == 25
     assert result["switching"]["any_order"]["status"] == "proven"
     assert result["switching"]["any_order"]["by_gains"] is True
-    ultimate = ultimate_bounds(file, checked.rho)
+    ultimate = ultimate_bounds(file, checked.links.radius)
     assert ultimate.paper is None
     path = run(file, tmp_path / "run.mcap").path
     found = compared(path, file)
@@ -132,7 +133,7 @@ def test_gains_above_1_that_suit_each_phase_may_diverge_under_switching(tmp_path
         assert all(condition.holds for condition in checked.conditions)
         assert (checked.spectral_radius < 1) == settles
         assert checked.any_order.status == ("proven" if settles else "refuted")
-        assert bool(checked.warnings()) != settles
+        assert bool(warnings_of(checked)) != settles
         outcome = run(file, tmp_path / f"{gain}.mcap")
         with Reader(outcome.path) as reader:
             table = np.concatenate(list(samples(reader)))
@@ -205,7 +206,7 @@ def test_theorem_3_in_each_phase_is_not_enough_for_any_order():
 def test_with_jitter_the_reason_for_missing_bounds_is_given(name, algorithm, why_not, settles):
     scenario = example(name, {"algorithm.name": algorithm, "run.sampling_jitter": 0.2})
     checked = check(scenario)
-    ultimate = ultimate_bounds(scenario, checked.rho)
+    ultimate = ultimate_bounds(scenario, checked.links.radius)
     assert ultimate.why_not.endswith(why_not)
     assert (ultimate.why_not == "") == (ultimate.worst_case is not None) == (name != "switching")
     assert (checked.spectral_radius < 1) == settles

@@ -3,6 +3,7 @@
 import pytest
 
 from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
+from nrs_cosim.orchestrator.analysis.check_warnings import warnings_of
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.cli.theory_text import _complex, bound_rows
 from nrs_cosim.orchestrator.report.subject import subject_of
@@ -18,31 +19,36 @@ def along_a_path(gain):
     return on(PATH, {"algorithm.alpha": gain, "algorithm.beta": gain})
 
 
-def test_with_link_faults_the_spectral_radius_is_stated_for_links_without_them():
+def test_over_links_of_which_none_is_known_there_is_no_radius_but_that_without_faults():
     lossy, plain = (
         check(read_scenario(SCENARIOS / f"{name}.toml")).as_json()
         for name in ("paper_lossy_links", "paper_first_order")
     )
-    assert (lossy["of"], plain["of"]) == ("links without faults", "the links as they are")
+    said = [one["conditions_of"] for one in (lossy, plain)]
+    assert said == ["links without faults", "the links as they are"]
     assert [of["links"]["status"] for of in (lossy, plain)] == [
         "converges in mean square",
         "converges",
     ]
-    assert lossy["spectral_radius"] == plain["spectral_radius"] == pytest.approx(0.877817, abs=1e-6)
-    assert lossy["rate"] == plain["rate"]
-    assert lossy["settling_time"] is None
+    assert plain["spectral_radius"] == pytest.approx(0.877817, abs=1e-6)
+    assert [one["spectral_radius_without_faults"] for one in (lossy, plain)] == [
+        plain["spectral_radius"]
+    ] * 2
+    assert [lossy[name] for name in ("spectral_radius", "rate", "settling_time")] == [None] * 3
 
 
 def test_with_a_delay_of_all_samples_convergence_is_that_of_the_delayed_recursion():
     """With a delay of one period and h = 0.4 the delayed recursion has a radius of 1.0118."""
     period = {"run.sampling_period": 0.4}
     plain = check(example("paper_example_3a", period))
-    assert (plain.convergence, plain.as_json()["of"]) == ("converges", "the links as they are")
+    assert plain.convergence == "converges"
     scenario = example("paper_example_3a", period, {"faults.links": [{"delay": 1}]})
     checked = check(scenario)
     result = checked.as_json()
-    assert (result["convergence"], result["of"]) == ("diverges", "links without faults")
-    assert result["links"]["radius"]["upper"] == pytest.approx(1.011777, abs=5e-7)
+    assert (result["convergence"], result["conditions_of"]) == ("diverges", "links without faults")
+    assert result["spectral_radius"] == pytest.approx(1.011777, abs=5e-7)
+    assert result["links"]["radius"]["upper"] == checked.spectral_radius
+    assert result["spectral_radius_without_faults"] == plain.spectral_radius
     assert (result["links"]["source"], result["links"]["delays"]) == ("statement D1", [1, 1])
     assert result["links"]["margin"] == {"periods": 0, "kind": "exact"}
     assert result["settling_time"] is None
@@ -51,10 +57,11 @@ def test_with_a_delay_of_all_samples_convergence_is_that_of_the_delayed_recursio
     }
 
 
-def test_with_link_faults_warnings_are_stated_for_links_without_them():
-    warnings = check(example("paper_lossy_links", {"algorithm.alpha": 5})).warnings()
-    assert warnings
-    assert all(line.startswith("of links without faults: ") for line in warnings)
+def test_with_link_faults_conditions_are_stated_for_links_without_them():
+    *conditions, last = warnings_of(check(example("paper_lossy_links", {"algorithm.alpha": 5})))
+    assert conditions
+    assert all(line.startswith("of links without faults: ") for line in conditions)
+    assert last.startswith("over these links the estimates diverge: ")
 
 
 def test_on_a_path_the_settling_time_includes_the_hops():
@@ -138,7 +145,7 @@ def test_a_rounded_spectral_radius_stays_on_its_side_of_1(radius, result):
 
 
 def test_a_negative_bound_is_no_interval_from_0():
-    warnings = check(example("paper_example_3a", {"algorithm.beta": 1.9})).warnings()
+    warnings = warnings_of(check(example("paper_example_3a", {"algorithm.beta": 1.9})))
     assert any("no sampling_period above 0 is within the bound" in line for line in warnings)
     assert "(0, -" not in " ".join(warnings)
 

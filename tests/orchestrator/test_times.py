@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from nrs_cosim.bus.clock import BLOCK, Clock, Jitter
 from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
+from nrs_cosim.orchestrator.analysis.check_warnings import warnings_of
 from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.engine.plants import group_by_archive, open_fleet
@@ -287,7 +288,7 @@ def test_jitter_adds_fields_to_the_theory_as_json():
 )
 def test_divergence_with_jitter_or_listed_times_is_warned_of(times, words):
     scenario = paper(SECOND_ORDER, {"run.output_step": None}, times)
-    assert words in check(scenario).warnings()[-1]
+    assert words in warnings_of(check(scenario))[-1]
     assert "diverge" in ultimate_bounds(scenario).why_not
 
 
