@@ -98,8 +98,11 @@ def fmpys(motion: Motion) -> dict[str, float]:
     return spent
 
 
-def prebound(motion: Motion) -> dict[str, float]:
-    """Step all arms by the FMU's functions; return seconds, and the bytes of an instance."""
+def prebound(motion: Motion, begin: Callable[[], object] = int) -> dict[str, float]:
+    """Step all arms by the FMU's functions; return seconds, and the bytes of an instance.
+
+    The loop begins when `begin` returns.
+    """
     n = len(motion.start)
     with loaded() as (prototype, by_name):
         dll: Any = prototype.dll
@@ -137,6 +140,7 @@ def prebound(motion: Motion) -> dict[str, float]:
                     step(handle, t, H, True, *ends)
                     get(handle, outputs, 3, found, 6)
 
+        begin()
         spent = timed(ticks)
         motion.expect(states[:, :4])
         dll.fmi3FreeInstance.argtypes, dll.fmi3FreeInstance.restype = [c_void_p], None

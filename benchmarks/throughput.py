@@ -3,9 +3,10 @@
 A robot-interval is one sample on the bus, one doStep of h, and one recorded state. Beside runs on
 one worker, whose FMUs one thread or two step, and on two workers stand bare loops over the same
 FMUs with the same references, which neither exchange nor record: one by FMPy's own methods, one by
-calls that are bound beforehand. They end in the very states that were recorded, or this fails. By
-themselves stand the bus, a put and its receipt for each sample, and the writer, a message at a
-time.
+calls that are bound beforehand. They end in the very states that were recorded, or this fails. Two
+of the latter side by side, in processes that share nothing, are what a second processor gives on
+this machine: the gain of two threads is told beside theirs. By themselves stand the bus, a put and
+its receipt for each sample, and the writer, a message at a time.
 
 All take turns, so that a noisy machine is noisy to all; each is measured in a process of its own.
 Rates are medians, ratios are medians of the rounds' own.
@@ -16,14 +17,17 @@ import statistics
 import sys
 from argparse import ArgumentParser
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from benchmarks.bare import fmpys, prebound
 from benchmarks.measured import Found, apart, recorded, written, zenoh_put_and_received
+from benchmarks.memory import peak
 from benchmarks.table import compared, keep, machine, text
 from benchmarks.work import H, Motion, keep_motion, scenario
 from nrs_cosim.orchestrator.engine.in_process import threads_worth_it
@@ -34,6 +38,8 @@ what a file's end takes is no large part of it."""
 OURS, OURS_2, FMPY, PREBOUND = "1 worker", "2 workers", "FMPy loop", "pre-bound loop"
 THREADS = "1, 2 threads"
 """One worker whose FMUs two threads step."""
+TWO_PREBOUND = "2 such loops"
+"""Two pre-bound loops side by side, each over as many robots."""
 ZENOH, WRITER = "Zenoh, put and received", "writer, messages"
 MOST_LOAD = 0.5
 """Of the last minute, with which two processors are free."""
@@ -43,6 +49,23 @@ PUTS, TICKS_WRITTEN = 200_000, 50
 def bare(kept: Path, by_fmpy: bool) -> Found:
     """Step the arms of a recording without a bus; see `benchmarks.bare`."""
     return (fmpys if by_fmpy else prebound)(Motion(kept))
+
+
+def two_bare(kept: Path) -> Found:
+    """Step the arms of a recording twice, side by side; return what one of both took."""
+    context = get_context("spawn")
+    with context.Manager() as manager, ProcessPoolExecutor(2, mp_context=context) as pool:
+        meet = manager.Barrier(2).wait
+        both = [*pool.map(_prebound_after, [kept] * 2, [meet] * 2)]
+    return {
+        "seconds": max(found["seconds"] for found in both) / 2,
+        "cpu": sum(found["cpu"] for found in both) / 2,
+        "peak": sum(found["peak"] for found in both),
+    }
+
+
+def _prebound_after(kept: Path, meet: Callable[[], object]) -> Found:
+    return {**prebound(Motion(kept), meet), "peak": peak()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +91,7 @@ class Case:
         path, kept = folder / "run.mcap", folder / f"{self.n}.npz"
         found = {
             OURS: apart(recorded, self.n, self.ticks, 1, path),
-            **self._by_threads(path),
+            **self._by_threads(path, kept),
             OURS_2: apart(recorded, self.n, self.ticks, 2, path),
             FMPY: apart(bare, kept, True),
             PREBOUND: apart(bare, kept, False),
@@ -76,10 +99,11 @@ class Case:
         assert len({row["digest"] for row in found.values() if "digest" in row}) == 1
         return found
 
-    def _by_threads(self, path: Path) -> dict[str, Found]:
+    def _by_threads(self, path: Path, kept: Path) -> dict[str, Found]:
         if threads_worth_it(self.n) == 1:
             return {}
-        return {THREADS: apart(recorded, self.n, self.ticks, 1, path, 2)}
+        by_threads = apart(recorded, self.n, self.ticks, 1, path, 2)
+        return {THREADS: by_threads, TWO_PREBOUND: two_bare(kept)}
 
 
 def row(what: str, case: Case, rounds: Sequence[Mapping[str, Found]]) -> dict[str, Any]:
@@ -167,6 +191,17 @@ def scale(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     }
 
 
+def gain_of_threads(rounds: Sequence[Mapping[str, Found]]) -> dict[str, float] | None:
+    """Return how many times a pre-bound loop's rate one run with two threads has, and two loops."""
+    if THREADS not in rounds[0]:
+        return None
+    one, threads, loops = (
+        [found[what]["seconds"] for found in rounds] for what in (PREBOUND, THREADS, TWO_PREBOUND)
+    )
+    ours, theirs = compared(one, threads), compared(one, loops)
+    return {"two_threads": ours["ratio"], "two_loops": theirs["ratio"]}
+
+
 def told_of(scale: Mapping[str, float]) -> str:
     """Return the scale in words."""
     return (
@@ -205,6 +240,14 @@ def main() -> None:
                 found[case].append(case.round(folder))
         rows = [row(what, case, found[case]) for case in cases for what in found[case][0]]
         print("\n".join(map(line, rows)))
+        threads = {case.n: gain for case in cases if (gain := gain_of_threads(found[case]))}
+        for n, gain in threads.items():
+            print(
+                f"\n{n:,} robots, beside one pre-bound loop: a run with two threads "
+                f"{gain['two_threads']:.2f}, two such loops side by side {gain['two_loops']:.2f}",
+                end="",
+            )
+        print()
         alone = by_themselves(given.rounds, folder)
     print()
     for part in alone:
@@ -222,6 +265,7 @@ def main() -> None:
             "rounds": given.rounds,
             "rows": rows,
             "parts": alone,
+            "threads": threads,
             "scale": of_scale,
         },
     )

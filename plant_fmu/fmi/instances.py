@@ -133,8 +133,6 @@ class Instances:
         rounds, views = self.rounds, (View(*given), View(*read))
         if not isinstance(rounds, NativeRounds):
             return "nothing can be compiled"
-        if rounds.threads > 1:
-            return "several threads step them"
         if not all(view.is_direct for view in views):
             return "an FMU has other numbers than ours, or in another order"
         return NativeSteps(self, given, read, rounds, rounds.addresses(*views))

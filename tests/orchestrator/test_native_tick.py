@@ -158,14 +158,16 @@ def test_a_run_is_the_same_by_native_code_and_by_numpy(tmp_path, monkeypatch, ca
             raise Interrupted
 
     found = run(experiment, tmp_path / "native.mcap")
+    by_threads = run(experiment, tmp_path / "threads.mcap", in_process(experiment, threads=2))
     cut = run(experiment, tmp_path / "cut.mcap", watch=stop)
     with Reader(cut.path) as reader:
         resumed = run(experiment, tmp_path / "resumed.mcap", past=past_of(reader))
     monkeypatch.setattr(engine_robots, "load_tick", lambda: None)
     monkeypatch.setattr(engine_run, "load_arranging", lambda: by_numpy)
     oracle = run(experiment, tmp_path / "numpy.mcap")
-    assert how(found) == how(resumed) == how(oracle)
-    assert found.profile.numpy_why == why
+    assert how(found) == how(by_threads) == how(resumed) == how(oracle)
+    assert found.profile.numpy_why == by_threads.profile.numpy_why == why
+    assert found.profile.steps_why == by_threads.profile.steps_why
     assert oracle.profile.numpy_why == "nothing can be compiled"
 
 

@@ -15,7 +15,7 @@ from nrs_cosim.plant_fmu.bundled import builder
 from nrs_cosim.plant_fmu.bundled.builder import build, build_library
 from nrs_cosim.plant_fmu.cache import cache_folder
 from nrs_cosim.plant_fmu.errors import FmuError
-from nrs_cosim.plant_fmu.fmi.native.batch_calls import SOURCE, load_native
+from nrs_cosim.plant_fmu.fmi.native.batch_calls import SOURCES, load_native
 from tests.cases import cases
 
 ROOT = Path(__file__).parents[2]
@@ -60,7 +60,7 @@ def compiled(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def library() -> Path:
-    return build_library("rounds", {SOURCE.name: SOURCE.read_bytes()})
+    return build_library("rounds", {file.name: file.read_bytes() for file in SOURCES})
 
 
 def flipped(data: bytes) -> bytes:

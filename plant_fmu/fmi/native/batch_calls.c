@@ -4,7 +4,7 @@
  *   advance   to step, and then to get its row of numbers
  *   recall    to keep, or to go back to, its state
  *
- * Several threads may advance together: each takes block after block of rows, until there is no
+ * A crew of threads may advance together: each takes block after block of rows, until there is no
  * other. Rows do not depend on one another, so that it does not matter who takes which.
  *
  * The first call whose status is neither OK nor a warning ends the round: after fmi3Fatal
@@ -20,6 +20,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "crew.h"
 #include "fmi2FunctionTypes.h"
 #include "fmi3FunctionTypes.h"
 
@@ -43,12 +44,30 @@ typedef struct {
     uint64_t ended;
 } Progress;
 
+/* Of the call that ended a round, the last one otherwise. */
+typedef struct {
+    int status;
+    bool stepping;
+} Answer;
+
+struct Member;
+
+/* As one thread calls them. */
 typedef struct {
     size_t n;
     void *const *instances;
     Progress *progress; /* NULL where nobody wants to know */
     const char *names;  /* of the instances, as they stand in the Progress, one after another */
+    Crew *crew;         /* NULL where nobody helps this thread */
+    size_t n_members;
+    struct Member *members; /* of the crew: this thread, and its helpers */
 } Instances;
+
+typedef struct Member {
+    const Instances *all;
+    size_t reached; /* the row whose call ended the round, n when none of this thread's did */
+    Answer answer;
+} Member;
 
 typedef void Function(void);
 
@@ -65,19 +84,17 @@ typedef struct {
     size_t n_values, stride;
 } Rows;
 
-/* What threads that advance together share: the first row that nobody has taken yet, and whether
- * a call has ended the round. */
+/* What threads that advance together do. */
 typedef struct {
-    size_t next, ended;
-} Shared;
+    const Calls *calls;
+    Member *members;
+    const Rows *rows;
+    double start, length;
+    size_t next; /* the first row that nobody has taken yet */
+    bool ended;  /* by a call */
+} Round;
 
-enum { BLOCK = 8 };
-
-/* Of the call that ended a round, the last one otherwise. */
-typedef struct {
-    int status;
-    bool stepping;
-} Answer;
+enum { BLOCK = 4 };
 
 static __thread Progress *announced; /* where this thread announced its last call */
 
@@ -216,31 +233,45 @@ static size_t advance_some(const Calls *calls, const Instances *all, const Rows 
     return row;
 }
 
-EXPORTED size_t advance(const Calls *calls, const Instances *all, const Rows *rows, double start,
-                        double length, Answer *answer)
+static void take_blocks(void *work, size_t number)
 {
-    *answer = (Answer){OK, false};
-    return advance_some(calls, all, rows, start, length, 0, all->n, answer);
-}
-
-EXPORTED size_t advance_together(const Calls *calls, const Instances *all, const Rows *rows,
-                                 double start, double length, Shared *shared, Answer *answer)
-{
-    size_t reached = all->n;
-    *answer = (Answer){OK, false};
-    while (!__atomic_load_n(&shared->ended, __ATOMIC_SEQ_CST)) {
-        const size_t first = __atomic_fetch_add(&shared->next, BLOCK, __ATOMIC_SEQ_CST);
+    Round *round = work;
+    Member *member = &round->members[number];
+    const Instances *all = member->all;
+    member->answer = (Answer){OK, false};
+    while (!__atomic_load_n(&round->ended, __ATOMIC_SEQ_CST)) {
+        const size_t first = __atomic_fetch_add(&round->next, BLOCK, __ATOMIC_SEQ_CST);
         if (first >= all->n)
             break;
         const size_t end = all->n - first < BLOCK ? all->n : first + BLOCK;
-        const size_t row = advance_some(calls, all, rows, start, length, first, end, answer);
+        const size_t row = advance_some(round->calls, all, round->rows, round->start,
+                                        round->length, first, end, &member->answer);
         if (row < end) {
-            __atomic_store_n(&shared->ended, 1, __ATOMIC_SEQ_CST);
-            reached = row;
+            __atomic_store_n(&round->ended, true, __ATOMIC_SEQ_CST);
+            member->reached = row;
             break;
         }
     }
     rest(all);
+}
+
+EXPORTED size_t advance(const Calls *calls, const Instances *all, const Rows *rows, double start,
+                        double length, Answer *answer)
+{
+    *answer = (Answer){OK, false};
+    if (!all->crew)
+        return advance_some(calls, all, rows, start, length, 0, all->n, answer);
+    size_t reached = all->n;
+    Round round = {calls, all->members, rows, start, length, 0, false};
+    for (size_t i = 0; i < all->n_members; ++i)
+        all->members[i].reached = reached;
+    do_together(all->crew, take_blocks, &round);
+    for (const Member *member = all->members; member < all->members + all->n_members; ++member) {
+        if (member->reached < reached) {
+            reached = member->reached;
+            *answer = member->answer;
+        }
+    }
     return reached;
 }
 
@@ -256,4 +287,27 @@ EXPORTED size_t recall(const Calls *calls, const Instances *all, void *states[],
             break;
     }
     return row;
+}
+
+/* The members of a crew are threads of Python. */
+
+EXPORTED Crew *begin_crew(void)
+{
+    return make_crew();
+}
+
+EXPORTED void help_crew(Crew *crew, size_t member)
+{
+    help(crew, member);
+}
+
+EXPORTED void dismiss_crew(Crew *crew)
+{
+    dismiss(crew);
+}
+
+/* When all helpers are gone. */
+EXPORTED void end_crew(Crew *crew)
+{
+    free(crew);
 }

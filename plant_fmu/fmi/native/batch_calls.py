@@ -1,11 +1,10 @@
-"""Rounds by `rounds.c`, which is compiled on first use: the same bits, without Python in between.
+"""Rounds by `batch_calls.c`, compiled on first use: the same bits, without Python in between.
 
 It is called without Python's lock, so that other threads of ours go on meanwhile.
 """
 
 import logging
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from ctypes import (
     CDLL,
     Structure,
@@ -22,7 +21,9 @@ from ctypes import (
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from threading import Thread
 from typing import Any
+from weakref import finalize
 
 from nrs_cosim.plant_fmu.archives.quantities import View
 from nrs_cosim.plant_fmu.bundled.builder import build_library
@@ -32,9 +33,9 @@ from nrs_cosim.plant_fmu.fmi.calls import Call, bind, c_references
 from nrs_cosim.plant_fmu.fmi.library import Library
 
 _LOG = logging.getLogger("nrs.plant_fmu")
-SOURCE = Path(__file__).with_suffix(".c")
+SOURCES = Path(__file__).with_suffix(".c"), Path(__file__).with_name("crew.h")
 WHO = 32
-"""Bytes of a name, as rounds.c has it."""
+"""Bytes of a name, as batch_calls.c has it."""
 _NUMBERS = {"set": ("SetReal", "SetFloat64"), "get": ("GetReal", "GetFloat64")}
 _STEPPING = {**_NUMBERS, "step": ("DoStep", "DoStep")}
 _STATES = {
@@ -49,6 +50,9 @@ class _Instances(Structure):
         ("instances", c_void_p),
         ("progress", c_void_p),
         ("names", c_void_p),
+        ("crew", c_void_p),
+        ("n_members", c_size_t),
+        ("members", c_void_p),
     )
 
 
@@ -71,12 +75,12 @@ class _Rows(Structure):
     )
 
 
-class _Shared(Structure):
-    _fields_ = (("next", c_size_t), ("ended", c_size_t))
-
-
 class _Answer(Structure):
     _fields_ = (("status", c_int), ("stepping", c_bool))
+
+
+class _Member(Structure):
+    _fields_ = (("all", c_void_p), ("reached", c_size_t), ("answer", _Answer))
 
 
 class StepAddresses(Structure):
@@ -92,13 +96,16 @@ class StepAddresses(Structure):
 
 @dataclass(frozen=True, slots=True)
 class Native:
-    """The functions of rounds.c."""
+    """The functions of batch_calls.c."""
 
     exchange: Call
     advance: Call
-    advance_together: Call
     recall: Call
     watch_endings: Call
+    begin_crew: Call
+    help_crew: Call
+    dismiss_crew: Call
+    end_crew: Call
 
 
 class NativeRounds:
@@ -109,29 +116,39 @@ class NativeRounds:
     ) -> None:
         """Take the instances, whose names are for the library's `progress`, if it has one."""
         self._native, self._library = native, library
-        self._helpers: ThreadPoolExecutor | None = None
         self._instances = (c_void_p * len(handles))(*handles)
         fields = b"".join(name.encode()[:WHO].ljust(WHO, b"\0") for name in names)
         self._names = create_string_buffer(fields) if library.progress else None
-        self._threads = [(self._announcing(0), _Answer())]
-        """Of each thread the instances, as it announces their calls, and how its last one ended."""
-        self._all, self._answer = self._threads[0]
+        self._all, self._answer = self._announcing(0), _Answer()
+        self._end_crew: finalize[..., NativeRounds] | None = None
 
     def use_threads(self, count: int) -> None:
         """Step from now on with several threads; where calls are announced, as many as can be."""
         if announced := len(self._library.progress):
             count = min(count, announced)
-        # Threads begin when there is something for them to do, and end with this.
-        self._helpers = ThreadPoolExecutor(count - 1, "fmu") if count > 1 else None
-        others = [(self._announcing(thread), _Answer()) for thread in range(1, count)]
-        self._threads = [(self._all, self._answer), *others]
-        if announced and others:
+        if self._end_crew:
+            self._end_crew()
+        crew = self._native.begin_crew() if count > 1 else None
+        if crew is None:
+            self._all.crew, self._all.n_members = None, 0
+            return
+        alls = [self._all, *map(self._announcing, range(1, count))]
+        members = (_Member * count)(*(_Member(addressof(one)) for one in alls))
+        self._all.crew, self._all.n_members, self._all.members = crew, count, addressof(members)
+        helpers = [
+            Thread(target=self._native.help_crew, args=(crew, member), name="fmu", daemon=True)
+            for member in range(1, count)
+        ]
+        self._end_crew = finalize(self, _end_crew, self._native, crew, helpers, (members, alls))
+        for helper in helpers:
+            helper.start()
+        if announced:
             self._native.watch_endings()
 
     @property
     def threads(self) -> int:
         """How many step."""
-        return len(self._threads)
+        return max(int(self._all.n_members), 1)
 
     def _announcing(self, thread: int) -> _Instances:
         """Return the instances for a thread that announces where it alone does."""
@@ -145,16 +162,12 @@ class NativeRounds:
 
     def advance(self, view: View) -> Step:
         """Return a round of steps; see `Rounds`."""
-        advance, n = self._native.advance, self._all.n
         calls, rows = self._bound(_STEPPING), _rows(view)
+        whom, last = (byref(calls), byref(self._all), byref(rows)), byref(self._answer)
 
         def step(start: float, step: float) -> EarlyEnd | None:
-            if self._helpers:
-                row, answer = self._together(calls, rows, start, step)
-            else:
-                answer, whom = self._answer, (byref(calls), byref(self._all), byref(rows))
-                row = advance(*whom, start, step, byref(answer))
-            return None if row == n else EarlyEnd(row, answer.status, answer.stepping)
+            row = self._native.advance(*whom, start, step, last)
+            return None if row == self._all.n else self.early_end(row)
 
         return step
 
@@ -169,28 +182,8 @@ class NativeRounds:
         return found
 
     def early_end(self, row: int) -> EarlyEnd:
-        """Return how the one thread's call ended that ended a round at a row."""
+        """Return how the call ended that ended a round of steps at a row."""
         return EarlyEnd(row, self._answer.status, self._answer.stepping)
-
-    def _together(
-        self, calls: _Calls, rows: _Rows, start: float, step: float
-    ) -> tuple[int, _Answer]:
-        """Return the first row that ended a round of several threads, n if none, and how."""
-        assert self._helpers
-        shared, advance = byref(_Shared(0, 0)), self._native.advance_together
-
-        def take_part(instances: _Instances, answer: _Answer) -> tuple[int, _Answer]:
-            whom = byref(calls), byref(instances), byref(rows)
-            return advance(*whom, start, step, shared, byref(answer)), answer
-
-        own, *others = self._threads
-        helping = [self._helpers.submit(take_part, *other) for other in others]
-        try:
-            ended = [take_part(*own)]
-        finally:
-            # Whatever happens, nobody is in a call any more.
-            rest = [helper.result() for helper in helping]
-        return min(ended + rest, key=lambda one: one[0])
 
     def recall(self, states: Any, *, keeping: bool) -> Round:
         """Return a round of keeping or going back; see `Rounds`."""
@@ -216,6 +209,14 @@ class NativeRounds:
         return self._library.bind_native(binder)
 
 
+def _end_crew(native: Native, crew: int, helpers: Sequence[Thread], kept: Any) -> None:  # noqa: ARG001
+    """Let helpers go, to whom what they use is `kept` until then."""
+    native.dismiss_crew(crew)
+    for helper in helpers:
+        helper.join()
+    native.end_crew(crew)
+
+
 def native_rounds(
     library: Library, handles: Sequence[int], names: Sequence[str]
 ) -> NativeRounds | None:
@@ -226,12 +227,12 @@ def native_rounds(
 
 @cache
 def load_native() -> Native | None:
-    """Return the functions of rounds.c, compiled if need be; None where that cannot be done.
+    """Return the functions of batch_calls.c, compiled if need be; None where that cannot be done.
 
     Then it is logged once why: calls from Python are to the same bits, but slower.
     """
     try:
-        library = build_library("rounds", {SOURCE.name: SOURCE.read_bytes()})
+        library = build_library("rounds", {file.name: file.read_bytes() for file in SOURCES})
         dll = CDLL(str(library))
     except FmuError as error:
         _LOG.warning("robots are stepped by calls from Python, which is slower: %s", error)
@@ -249,9 +250,12 @@ def load_native() -> Native | None:
     return Native(
         bind(dll, "exchange", *three, *flag, result=c_size_t),
         bind(dll, "advance", *step, c_void_p, result=c_size_t),
-        bind(dll, "advance_together", *step, c_void_p, c_void_p, result=c_size_t),
         bind(dll, "recall", *three, *flag, result=c_size_t),
         bind(dll, "watch_endings", result=None),
+        bind(dll, "begin_crew", result=c_void_p),
+        bind(dll, "help_crew", c_void_p, c_size_t, result=None),
+        bind(dll, "dismiss_crew", c_void_p, result=None),
+        bind(dll, "end_crew", c_void_p, result=None),
     )
 
 
