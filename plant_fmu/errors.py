@@ -18,6 +18,10 @@ class StartError(FmuError):
         """Names of variables that may say where it starts, by ours."""
 
 
+class StillError(FmuError):
+    """Nothing moves, whatever torque is given."""
+
+
 class UnstableStepError(FmuError):
     """A step is beyond what the gains and the plant's inertia let it be."""
 

@@ -23,7 +23,7 @@ from nrs_cosim.plant_fmu.drives.own_law import without_own_law
 from nrs_cosim.plant_fmu.drives.probe import Probe
 from nrs_cosim.plant_fmu.drives.runge_kutta import RungeKutta
 from nrs_cosim.plant_fmu.drives.torque_held import TorqueHeldPlants
-from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.errors import FmuError, StillError
 from nrs_cosim.plant_fmu.fmi.library import Kind, Library
 from nrs_cosim.plant_fmu.plants import PD_ALONE, Array, Body, Disturbance
 
@@ -110,7 +110,7 @@ class MechanicsProbe:
         """s: between two velocities, the longer one and the shorter one"""
         sizes = np.sqrt((first**2).sum(axis=0))
         if still := (np.flatnonzero(sizes == 0) + 1).tolist():
-            raise FmuError(f"nothing moves by a torque on {numbered('joint', still)}")
+            raise StillError(f"nothing moves by a torque on {numbered('joint', still)}")
         self._pushes /= sizes
         self._moves = True
 
@@ -146,6 +146,12 @@ class MechanicsProbe:
                 "though it did when it was first started; see the finding on its reset"
             )
         return inverse, rest
+
+    def motion(self, qd: Array, span: float) -> tuple[Array, Array]:
+        """Return how far q goes from the start at q̇ (m,) in four spans, and what q̇ adds up to."""
+        velocities = self._velocities(self.start, qd, np.zeros(len(qd)), span)
+        summed = np.asarray(np.trapezoid(velocities, dx=span, axis=0), float)
+        return self._probe.q[0] - self.start, summed
 
     def power_gained(self, q: Array, qd: Array, span: float) -> tuple[float, float]:
         """Return (d/dt(½ q̇'Mq̇) − q̇'(tau − G)) at tau = G, relative to its terms and q̇'Mq̇ / s.

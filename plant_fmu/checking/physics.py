@@ -45,7 +45,7 @@ def physics(mechanics: MechanicsProbe, why_slow: str) -> Iterator[Finding]:
         why = refusal or "its accelerations are not finite"
         yield Finding("physics", "mechanics", "unknown", f"cannot be probed: {why}")
         return
-    asymmetry = max(min(map(_asymmetry, at)) for at in mobilities)
+    asymmetry = max(min(map(asymmetry_of, at)) for at in mobilities)
     yield _judged(
         "M symmetric",
         asymmetry <= TOLERANCE,
@@ -130,7 +130,8 @@ def _judged(name: str, holds: bool, text: str, value: float) -> Finding:
     return Finding("physics", name, "holds" if holds else "fails", text, number)
 
 
-def _asymmetry(mobility: Array) -> float:
+def asymmetry_of(mobility: Array) -> float:
+    """Return how far M⁻¹ (m, m) is from symmetric, relative to its largest number."""
     size = float(np.abs(mobility).max())
     return float(np.abs(mobility - mobility.T).max()) / size if size else 0.0
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.plant_fmu.archives.archive import Archive, unpacked
 from nrs_cosim.plant_fmu.archives.presence import VECTORS
-from nrs_cosim.plant_fmu.archives.proposals import as_line, proposals
 from nrs_cosim.plant_fmu.archives.quantities import TYPES, Part, Quantity
 from nrs_cosim.plant_fmu.archives.units import unit_of
 from nrs_cosim.plant_fmu.archives.variables import find_quantity
@@ -21,6 +20,7 @@ from nrs_cosim.plant_fmu.checking.physics import physics
 from nrs_cosim.plant_fmu.checking.resetting import resetting
 from nrs_cosim.plant_fmu.checking.running import at_start, fitted, resuming, running, slowness
 from nrs_cosim.plant_fmu.checking.starting import starting
+from nrs_cosim.plant_fmu.checking.trial import tried_proposals
 from nrs_cosim.plant_fmu.checking.validity import validity
 from nrs_cosim.plant_fmu.drives.choice import choose, offers
 from nrs_cosim.plant_fmu.drives.reference_driven import ACCELERATION, REFERENCE
@@ -48,9 +48,7 @@ def findings(task: CheckTask, budget: Budget) -> Iterator[Finding]:
         body = task.body or at_start(archive, find_quantity(archive, "q", task.names, sizes=sizes))
     except FmuError as error:
         cause, _, _said_above = str(error).partition(". First: ")
-        for proposal in proposals(archive, task.names):
-            text = f"may be right for the scenario's [plant]: {as_line(proposal)}"
-            yield Finding("variables", "proposal", "note", text)
+        yield from tried_proposals(task, budget)
         yield Finding("drives", "chosen", "fails", cause)
         return
     yield Finding("drives", "chosen", "holds", chosen.way)

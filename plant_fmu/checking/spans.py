@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nrs_cosim.plant_fmu.archives.archive import Archive
-from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.errors import FmuError, StillError
 from nrs_cosim.plant_fmu.fmi.library import Kind
 from nrs_cosim.plant_fmu.plants import Array
 
@@ -77,7 +77,7 @@ def staircase(archive: Archive, kind: Kind, velocities: Velocities) -> Staircase
             # Midway between two jumps: whatever the times are rounded to, none is moved over.
             return Staircase(internal, (first + internal / 2) % internal)
         step *= 2
-    raise FmuError(
+    raise StillError(
         f"nothing moves within {WATCHED * step / 2:.2g} s under a torque of 1 or -1 on every "
         "joint; has it a longer internal step?"
     )
@@ -116,7 +116,7 @@ def agreeing(
         longer, shorter = map(measure, spans)
         size = np.abs(shorter).max()
         if not size > 0:
-            raise FmuError(
+            raise StillError(
                 "nothing moves, whatever the torque; if it takes one, see the finding on its reset"
             )
         apart = np.abs(longer - shorter).max() / size
