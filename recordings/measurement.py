@@ -7,13 +7,14 @@ sent, and one that sends only when it must would be judged by its worst moments,
 Robots that lie are left out: nobody expects them to follow the target.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nrs_cosim.recordings.export.tables import STATES, joints, robots, rows
+from nrs_cosim.bus.plurals import numbered
+from nrs_cosim.recordings.export.tables import STATES, robots, rows
 from nrs_cosim.recordings.mcap.reader import Reader
 
 Array = NDArray[np.float64]
@@ -88,15 +89,54 @@ def steady_state(reader: Reader, target_at: TargetAt, byzantine: Sequence[int] =
     return meter.found()
 
 
+class SaturationMeter:
+    """Measures in which part of its states each robot's effort is at its limits."""
+
+    def __init__(self, limits: Mapping[int, Array], n: int) -> None:
+        """Know the limits (m,) of some of n robots."""
+        self._limits = limits
+        m = len(next(iter(limits.values()), ()))
+        self._every = np.full((n + 1, m), np.nan)
+        for robot, limit in limits.items():
+            self._every[robot] = limit
+        self._at, self._count = np.zeros_like(self._every), np.zeros(n + 1)
+
+    def take(self, states: NDArray[np.void]) -> None:
+        """Take some states, in any order."""
+        if self._limits:
+            whose = states["robot"]
+            np.add.at(self._at, whose, np.abs(states["effort"]) >= self._every[whose])
+            np.add.at(self._count, whose, 1)
+
+    def found(self) -> dict[int, Array]:
+        """Return the parts so far, (m,), of each robot that has limits."""
+        return {robot: self._at[robot] / max(self._count[robot], 1) for robot in self._limits}
+
+
 def saturation(reader: Reader, limits: Mapping[int, Array]) -> dict[int, Array]:
     """Return in which part of its states each robot's effort is at its limits (m,), by joint."""
-    every = np.full((robots(reader) + 1, joints(reader)), np.nan)
-    every[[*limits]] = np.array([*limits.values()])
-    at, count = np.zeros_like(every), np.zeros(len(every))
-    for _, table in rows(reader, [STATES], limits):
-        np.add.at(at, table["robot"], np.abs(table["effort"]) >= every[table["robot"]])
-        np.add.at(count, table["robot"], 1)
-    return {robot: at[robot] / max(count[robot], 1) for robot in limits}
+    meter = SaturationMeter(limits, robots(reader))
+    for _, states in rows(reader, [STATES], limits):
+        meter.take(states)
+    return meter.found()
+
+
+def saturation_in_words(found: Mapping[int, Iterable[float]], joints: Sequence[str]) -> str:
+    """Say how often torques are at their limits, of robots that have some; joints by name."""
+    parts = [
+        (part, robot, joint)
+        for robot, at in found.items()
+        for joint, part in zip(joints, at, strict=True)
+        if part > 0
+    ]
+    if not parts:
+        return "no torque is at its limit in any state"
+    share, whose, joint = max(parts, key=lambda part: part[0])
+    robots = numbered("robot", sorted({robot for _, robot, _ in parts}), 8)
+    return (
+        f"torques of {robots} are at their limits, in up to {100 * share:.3g} % of the states: "
+        f"{joint} of robot {whose}"
+    )
 
 
 def errors_by_tick(

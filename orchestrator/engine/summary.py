@@ -20,7 +20,13 @@ from nrs_cosim.plant_fmu.effort_limits import effort_limits
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.container import END
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.measurement import SteadyState, saturation, steady_state
+from nrs_cosim.recordings.measurement import (
+    Array,
+    SteadyState,
+    saturation,
+    saturation_in_words,
+    steady_state,
+)
 from nrs_cosim.recordings.metadata import ASSETS, MEASURED, RUN, SCENARIO
 from nrs_cosim.recordings.schemas import about as about_run
 from nrs_cosim.recordings.schemas import expect_joints, recorded_types
@@ -79,6 +85,14 @@ def _target(experiment: Experiment) -> dict[str, str] | None:
 
 def _saturation(reader: Reader, experiment: Experiment) -> dict[str, list[float]] | None:
     """Return in which part of its states each robot's torques are at their limits, by joint."""
+    limits = torque_limits(reader, experiment)
+    if not limits:
+        return None
+    return {str(robot): at.tolist() for robot, at in saturation(reader, limits).items()}
+
+
+def torque_limits(reader: Reader, experiment: Experiment) -> dict[int, Array]:
+    """Return the limits of torques, (m,) by joint, of each robot that has any."""
     limits, joints = {}, {r: p["joints"] for p in about_run(reader).plants for r in p["robots"]}
     for robot in range(1, experiment.n + 1):
         wanted = control(experiment.of_robot(robot).controller, experiment.m)
@@ -89,9 +103,7 @@ def _saturation(reader: Reader, experiment: Experiment) -> dict[str, list[float]
                 limit = effort_limits(urdf, [joint["name"] for joint in joints.get(robot, ())])
         if limit is not None:
             limits[robot] = limit
-    if not limits:
-        return None
-    return {str(robot): at.tolist() for robot, at in saturation(reader, limits).items()}
+    return limits
 
 
 def _samples(reader: Reader, n: int, duration: float) -> dict[str, float] | None:
@@ -139,27 +151,19 @@ def lines(summary: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
             ("q - eps_0|2", measured.position_tracking),
             ("qd - ups_0|2", measured.velocity_tracking),
         ),
-        **_limited(summary["saturation"]),
+        **_limited(summary["saturation"], summary["joints"]),
         **of,
         "digest": summary["digest"] or _PARTIAL,
         "recording": summary["file"],
     }
 
 
-def _limited(saturation: Mapping[str, Sequence[float]] | None) -> dict[str, str]:
+def _limited(saturation: Mapping[str, Sequence[float]] | None, m: int) -> dict[str, str]:
     """Say how often torques are at their limits, where there are any."""
     if saturation is None:
         return {}
-    robots = [int(robot) for robot, at in saturation.items() if any(at)]
-    if not robots:
-        return {"limits": "no torque is at its limit in any state"}
-    share, robot, joint = max(
-        (part, robot, joint) for robot, at in saturation.items() for joint, part in enumerate(at, 1)
-    )
-    return {
-        "limits": f"torques of {numbered('robot', robots, 8)} are at their limits, in up to "
-        f"{100 * share:.3g} % of the states: joint {joint} of robot {robot}"
-    }
+    of = {int(robot): at for robot, at in saturation.items()}
+    return {"limits": saturation_in_words(of, [f"joint {joint}" for joint in range(1, m + 1)])}
 
 
 def _sent(samples: Mapping[str, float] | None) -> str:

@@ -12,7 +12,7 @@ from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.orchestrator.analysis.bounds import UltimateBounds, bounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import Check, check, finite
-from nrs_cosim.orchestrator.engine.summary import experiment_of
+from nrs_cosim.orchestrator.engine.summary import experiment_of, torque_limits
 from nrs_cosim.orchestrator.report.gain_map import gain_map
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.robot_ids import named, with_parameters
@@ -37,7 +37,8 @@ def story_of(reader: Reader, experiment: Experiment | None = None) -> Story:
     names = tuple(joint.name for joint in shared_joints(run))
     theory = _theory(experiment)
     subject = subject_of(experiment, units, names, theory)
-    story = read_story(reader, replace(subject, plants=_plants(experiment, run)))
+    limits, plants = torque_limits(reader, experiment), _plants(experiment, run)
+    story = read_story(reader, replace(subject, plants=plants, torque_limits=limits))
     if not theory:
         return story
     compared = compare_to_theory(reader, experiment, story.steady, theory[1])

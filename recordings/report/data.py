@@ -29,7 +29,12 @@ from nrs_cosim.recordings.export.tables import (
 from nrs_cosim.recordings.link_counts import kinds
 from nrs_cosim.recordings.mcap.container import END_FIELDS, Status
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.measurement import SteadyState, at_sampling_times, steady_state
+from nrs_cosim.recordings.measurement import (
+    SaturationMeter,
+    SteadyState,
+    at_sampling_times,
+    steady_state,
+)
 from nrs_cosim.recordings.report.subject import Subject
 from nrs_cosim.recordings.robots.skeleton import Skeleton, skeletons
 from nrs_cosim.recordings.schemas import RecordedTypes, about, recorded_types
@@ -119,6 +124,8 @@ class Story:
     """By the fields of `SteadyState`, in the norms of `measuring`."""
     link_events: LinkEvents
     steady: SteadyState
+    saturation: dict[int, Array]
+    """(m,) of each robot whose torques have limits: the part of its states that is at them."""
     verdicts: dict[str, str] = field(default_factory=dict)
     """By the fields of `SteadyState`: whether a measurement is within what is proven of it."""
 
@@ -157,6 +164,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
     }
     spreads = {name: np.full((len(t), m, 5), np.nan) for name in VECTORS if len(drawn) < n}
     counts: Counter[str] = Counter()
+    saturation = SaturationMeter(subject.torque_limits, n)
     met: list[NDArray[np.int64]] = []
 
     def note(name: str, at: NDArray[np.int64], errors: Array, order: float) -> None:
@@ -170,6 +178,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         for number, count in zip(numbers.tolist(), found.tolist(), strict=True):
             counts[schemas[reader.topics[number]]] += count
         if (table := rows_of(reader, types, STATES, messages)) is not None:
+            saturation.take(table)
             at = _places(reader, output_times, table["time_ns"])
             rows = row_of[table["robot"]]
             shown = rows >= 0
@@ -230,6 +239,7 @@ def read_story(reader: Reader, subject: Subject) -> Story:
         },
         link_events=LinkEvents(*np.concatenate([np.empty((4, 0), np.int64), *met], axis=1)),
         steady=steady_state(reader, subject.target_at, subject.byzantine),
+        saturation=saturation.found(),
     )
 
 

@@ -74,6 +74,7 @@ def page_data(stories: Sequence[Story], *, live: bool = False) -> dict[str, Any]
                 "conditions": list(story.subject.conditions),
                 "spectral_radius": story.subject.spectral_radius,
                 "gains": stability(story.subject.gains),
+                "saturated": text.saturated(story),
                 "counted": text.counted(story),
                 "particulars": text.particulars(story),
                 "network": network.drawn(story),

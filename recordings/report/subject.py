@@ -1,7 +1,7 @@
 """What a report must know of a run and its messages do not tell: it follows from the scenario."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -84,6 +84,8 @@ class Subject:
     """A row for robots of one FMU and the same parameters, by the columns' names."""
     gains: GainMap | None = None
     """None where it is not made."""
+    torque_limits: Mapping[int, Array] = field(default_factory=dict)
+    """(m,) of each robot that has any."""
 
     @property
     def topology(self) -> Topology:

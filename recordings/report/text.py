@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from nrs_cosim.bus.plurals import count_of, numbered
+from nrs_cosim.recordings.measurement import saturation_in_words
 from nrs_cosim.recordings.metadata import LINKS, MEASURED, SAMPLES
-from nrs_cosim.recordings.report.data import Story
+from nrs_cosim.recordings.report.data import MOST_DRAWN, Story
 
 _MEASURED = {
     "position_estimate": ("estimates of position", "sup ‖ε_i − ε_0‖∞", False),
@@ -46,6 +47,9 @@ def lead(story: Story, *, live: bool = False) -> list[str]:
     if liars := subject.byzantine:
         lie = f"{numbered('robot', liars, 8)} lie{'s' * (len(liars) == 1)}"
         sentences.append(f"{lie[0].upper()}{lie[1:]}: errors and envelopes are of honest robots.")
+    if story.saturation:
+        said = saturation_in_words(story.saturation, story.subject.joints)
+        sentences.append(f"{said[0].upper()}{said[1:]}.")
     if len(story.drawn) < story.n:
         sentences.append(
             f"{len(story.drawn)} of the robots are drawn in motion; bands and envelopes are of all."
@@ -71,6 +75,21 @@ def measured(story: Story) -> Iterator[dict[str, Any]]:
                 if np.isfinite(bound)
             },
         }
+
+
+def saturated(story: Story) -> list[list[str]]:
+    """Return a row for each robot with a torque at its limit: its number, and parts by joint.
+
+    The first row is that of names; there is none where no torque has a limit.
+    """
+    rows = sorted(
+        ((robot, at) for robot, at in story.saturation.items() if at.any()),
+        key=lambda row: -row[1].max(),
+    )
+    if not rows:
+        return []
+    parts = [[str(robot), *(f"{100 * part:.3g} %" for part in at)] for robot, at in rows]
+    return [["robot", *story.subject.joints], *parts[:MOST_DRAWN]]
 
 
 def counted(story: Story) -> dict[str, str]:

@@ -9,6 +9,7 @@ import pytest
 import nrs_cosim
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.analysis.plant_bounds import plant_bounds
+from nrs_cosim.orchestrator.report.subject import story_of
 from nrs_cosim.orchestrator.scenario.conversion import gains
 from nrs_cosim.plant_fmu.archives.archive import open_archive
 from nrs_cosim.plant_fmu.bundled.builder import build
@@ -17,6 +18,8 @@ from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.effort_limits import effort_limits
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.plants import Body, Control, Disturbance
+from nrs_cosim.recordings.mcap.reader import Reader
+from nrs_cosim.recordings.report.text import lead, saturated
 from tests.command import nrs
 from tests.elsewhere.engines import compared
 from tests.scenarios import paper, write
@@ -56,6 +59,16 @@ def test_torques_at_their_limits_are_counted_from_what_is_recorded(tmp_path):
     described = json.loads(nrs("info", "run.mcap", "--json", cwd=tmp_path).stdout)
     found = np.array([described["saturation"][str(robot)] for robot in range(1, 7)])
     assert found.max() == pytest.approx(share)
+    with Reader(tmp_path / "run.mcap") as reader:
+        heads, *shown = saturated(story := story_of(reader))
+    assert heads == ["robot", "joint 1", "joint 2"]
+    assert line.split(maxsplit=1)[1] in lead(story)[-1].replace("Torques", "torques")
+    largest_first = sorted(range(6), key=lambda at: -found[at].max())
+    assert shown == [
+        [str(at + 1), *(f"{100 * part:.3g} %" for part in found[at])]
+        for at in largest_first
+        if found[at].any()
+    ]
     assert "is proven is of PD alone, and not with torque_limit" in text
 
 

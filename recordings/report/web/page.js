@@ -182,10 +182,10 @@ function tellTheory(runs) {
     const name = several ? `${run.name}: ` : "";
     const tables = [table(`${name}conditions`, ["", { text: "value", number: true }, { text: "bound", number: true }, "", "source"],
       [...run.conditions.map((v) => [v.name, number(v.value), v.status === "unknown" ? "" : bounded(v.bound, v.at_least),
-        mark(v.status), v.source]),
+        mark(v.status), { text: v.source, name: "source" }]),
        ...(run.spectral_radius === null ? [] : [["ρ", number(run.spectral_radius), bounded(1, false),
         mark(run.spectral_radius < 1 ? "holds" : "violated"),
-        "left of the estimation error after a sampling period"]])])];
+        { text: "left of the estimation error after a sampling period", name: "source" }]])])];
     const laws = [...new Set(run.measured.flatMap(({ bounds }) => Object.keys(bounds)))];
     if (laws.length)
       tables.push(table(`${name}steady state`, ["", { text: "measured", number: true }, ...laws.map((text) => ({ text, number: true })), ""],
@@ -200,10 +200,12 @@ function tellNumbers(runs) {
   $("#numbers").hidden = false;
   $("#numbers .tables").replaceChildren(...runs.flatMap((run) => {
     const name = several ? `${run.name}: ` : "";
-    const [first] = run.plants;
+    const [first] = run.plants, [joints, ...saturated] = run.saturated;
     return [
       ...(first ? [table(`${name}plants`, Object.keys(first),
         run.plants.map((plant) => Object.entries(plant).map(([what, text]) => (what === "SHA-256" ? { text: text.slice(0, 16), name: "long" } : text))), "scroll wide")] : []),
+      ...(joints ? [table(`${name}torques at their limits, in parts of a robot’s states`, joints.map((text, at) => ({ text, number: at > 0 })),
+        saturated.map((row) => row.map((text, at) => ({ text, number: at > 0 }))))] : []),
       table(`${name}messages`, [], Object.entries(run.counted).map(([what, count]) => [what, { text: count, number: true }])),
       make("details", {}, make("summary", { textContent: `${name}made by` }),
         table("", [], Object.entries(run.particulars).map(([what, text]) => [what, { text, name: "long" }]))),
