@@ -226,13 +226,7 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         why=why_unknown(nominal_of(algorithm), topologies, periods),
         alpha_beta_bound=smallest_theta(spectrum),
         h_bound=min(bounds, default=None),
-        conditions=(
-            *(c for c in own if periods.constant_period is not None or c.name != OF_PERIOD),
-            *algorithm.demands(periods.longest, *experiment.target.bounds()),
-            *graph_conditions(experiment),
-            *gain_conditions(experiment),
-            *tracking_conditions(experiment, find),
-        ),
+        conditions=_with_own(experiment, own, periods, find),
         phases=phases_of(algorithm, topologies, spectra, periods),
         repeat=topologies.repeat,
         any_order=any_order_over(experiment, periods)
@@ -247,6 +241,27 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         lying_by=experiment.lying_by,
         hull=hull_of(experiment),
         chords=chords_of(experiment),
+    )
+
+
+@np.errstate(all="ignore")  # as above
+def conditions_of(experiment: Experiment) -> tuple[Condition, ...]:
+    """Return the conditions alone, which are of links without faults, and of no radius."""
+    periods, everywhere = periods_of(experiment), merged(spectra_of(experiment.topologies))
+    own = conditions(experiment.algorithm, everywhere, periods.longest)
+    return _with_own(experiment, own, periods)
+
+
+def _with_own(
+    experiment: Experiment, own: Sequence[Condition], periods: Periods, find: Find | None = None
+) -> tuple[Condition, ...]:
+    """Return all conditions: those on the algorithm's gains, and the others."""
+    return (
+        *(c for c in own if periods.constant_period is not None or c.name != OF_PERIOD),
+        *experiment.algorithm.demands(periods.longest, *experiment.target.bounds()),
+        *graph_conditions(experiment),
+        *gain_conditions(experiment),
+        *tracking_conditions(experiment, find),
     )
 
 

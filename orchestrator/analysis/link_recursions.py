@@ -20,6 +20,7 @@ from nrs_cosim.estimator_agents.theory.lossy_step import LossyStep, TickEdges, l
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.switching import product_radius
 from nrs_cosim.estimator_agents.theory.varying import JointRadius, joint_spectral_radius
+from nrs_cosim.orchestrator.analysis.convergence import UNKNOWN, periods_of, rho_of, spectra_of
 from nrs_cosim.orchestrator.analysis.link_faults import (
     LinkFaults,
     lasting_digraph,
@@ -94,19 +95,34 @@ def factor_over_links(
 
     Where they lose some it is of the root of the mean square.
     """
-    late, faults = step_of_run(experiment, periods, ())[0], link_faults_of(experiment)
-    if late:
-        return RadiusBounds(*[late.radius(spectrum)] * 2)
+    faults, alone = link_faults_of(experiment), lasting_digraph(experiment.topologies)
     step = step_over(experiment, periods.constant_period)
-    if step is None or why_unknown_over(experiment, faults):
+    if step is None or not faults.fixed or why_unknown_over(experiment, faults):
         return None
     if not faults.loss.any():
-        several = faults.fixed and lasting_digraph(experiment.topologies) is None
-        radius = radius_of_turns(experiment, faults, step) if several else nan
+        if alone:
+            radius = LateStep(step, alone, faults.most).radius(spectrum)
+        else:
+            radius = radius_of_turns(experiment, faults, step)
         return None if isnan(radius) else RadiusBounds(radius, radius)
     lossy = lossy_steps(experiment, faults, step, faults.loss)
     phases = ticks_of(experiment.topologies, faults, faults.loss)[1]
     return mean_square_radius(lossy, phases) if lossy else None
+
+
+@np.errstate(all="ignore")  # what overflows is infinite, or not a number: nothing is known
+def radius_over(experiment: Experiment) -> RadiusBounds:
+    """Return by what errors are multiplied over the links that there are, of theory alone (R1).
+
+    It is that of `link_analysis`, without what else that looks for, but for delays that are drawn.
+    """
+    if experiment.byzantine:
+        return UNKNOWN
+    topologies, periods = experiment.topologies, periods_of(experiment)
+    spectra = spectra_of(topologies)
+    if experiment.impaired:
+        return factor_over_links(experiment, spectra[-1][0], periods) or UNKNOWN
+    return rho_of(nominal_of(experiment.algorithm), topologies, spectra, periods)
 
 
 def lossy_steps(

@@ -9,7 +9,7 @@ import faulthandler
 import json
 import os
 import socket
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from nrs_cosim.bus.errors import Cause, CosimError, InputError, RunError
+from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.orchestrator.analysis.bounds import UltimateBounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.comparison import TheoryComparison, compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import Check
@@ -198,7 +199,7 @@ def _theory(checked: Check, ultimate: UltimateBounds, compared: TheoryComparison
         "convergence": checked.convergence,
         "spectral_radius": _finite(checked.links.radius.upper),
         "spectral_radius_lower": _finite(checked.links.radius.lower),
-        "margin": smallest_margin(checked),
+        "margin": smallest_margin(checked.conditions),
         "critical_loss": loss.critical if loss else None,
         "violated": ", ".join(c.name for c in checked.conditions if not c.holds),
         "why_no_bounds": ultimate.why_not,
@@ -206,9 +207,9 @@ def _theory(checked: Check, ultimate: UltimateBounds, compared: TheoryComparison
     }
 
 
-def smallest_margin(checked: Check) -> float | None:
+def smallest_margin(conditions: Sequence[Condition]) -> float | None:
     """Return the margin of the condition that is nearest to its bound, as a part of that."""
-    parts = [c.margin / abs(c.bound) if c.bound else c.margin for c in checked.conditions]
+    parts = [c.margin / abs(c.bound) if c.bound else c.margin for c in conditions]
     return min((part for part in parts if isfinite(part)), default=None)
 
 

@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.estimator_agents.algorithm import nominal_of
 from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
-from nrs_cosim.orchestrator.analysis.convergence import UNKNOWN, periods_of, rho_of, spectra_of
-from nrs_cosim.orchestrator.analysis.link_recursions import factor_over_links
+from nrs_cosim.orchestrator.analysis.link_recursions import radius_over
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.study.axes import StudyAxis, axis_of, grid_points, with_draw
 from nrs_cosim.orchestrator.study.points import PointReader
@@ -86,22 +84,10 @@ def radius_map(experiment: Experiment, over: Sequence[str]) -> RadiusMap:
     if len(axes) != 2:
         raise InputError(f"--over: a map is over two axes, got {len(axes)}")
     points = PointReader({experiment.name: experiment})
-    found = [_radius(points.at(values).experiment) for values in grid_points(axes)]
+    found = [radius_over(points.at(values).experiment) for values in grid_points(axes)]
     shape = tuple(len(axis.values) for axis in axes)
     lower, upper = (
         np.array([getattr(one, end) for one in found]).reshape(shape).T
         for end in ("lower", "upper")
     )
     return RadiusMap((axes[0], axes[1]), lower, upper)
-
-
-@np.errstate(all="ignore")  # what overflows is infinite, or not a number: nothing is known
-def _radius(experiment: Experiment) -> RadiusBounds:
-    """Return bounds on ρ over the links that an experiment has."""
-    if experiment.byzantine:
-        return UNKNOWN
-    topologies, periods = experiment.topologies, periods_of(experiment)
-    spectra = spectra_of(topologies)
-    if experiment.impaired:
-        return factor_over_links(experiment, spectra[-1][0], periods) or UNKNOWN
-    return rho_of(nominal_of(experiment.algorithm), topologies, spectra, periods)

@@ -11,14 +11,18 @@ import numpy as np
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.plurals import count_of
-from nrs_cosim.orchestrator.analysis.conditions import Check
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.study.rows import RESULTS
 from nrs_cosim.orchestrator.study.statistics import CellStatistics, median_of, statistics_of
 from nrs_cosim.orchestrator.study.store import StudyStore, rerun_line
 from nrs_cosim.orchestrator.study.study import bases_of
 from nrs_cosim.orchestrator.study.table import StudyTable
-from nrs_cosim.orchestrator.study.theory_boundary import theory_boundary
+from nrs_cosim.orchestrator.study.theory_boundary import (
+    Distance,
+    below_one,
+    least_margin,
+    theory_boundary,
+)
 from nrs_cosim.recordings.report.study_figures import (
     Array,
     StudyLine,
@@ -131,12 +135,15 @@ class StudyReport:
                 rows = [self._table.cells[one.cell] for one in cells]
                 places = [(one.cell[at[x]], one.cell[at[y]]) for one in cells]
                 others = dict(zip(self._table.keys, cells[0].cell, strict=True))
-                found = {
-                    of: dict(zip(places, map(value, rows), strict=True))
-                    for of, value in (("radius", self._below_one), ("margin", self._margin))
-                }
-                known: dict[tuple[float, float], Check] = {}
-                edges = {of: self._edge(others, (x, y), v, of, known) for of, v in found.items()}
+                radius, margin = (
+                    self._edge(
+                        others, (x, y), dict(zip(places, map(value, rows), strict=True)), distance
+                    )
+                    for value, distance in (
+                        (self._below_one, below_one),
+                        (self._margin, least_margin),
+                    )
+                )
                 yield StudyMap(
                     name or f"{count_of(len(cells), 'cell')}",
                     x,
@@ -146,8 +153,9 @@ class StudyReport:
                     _array(one.converged.value for one in cells),
                     _array(self._quantiles(places)[0] for places in rows),
                     np.array([one.results < one.runs for one in cells]),
-                    edges["radius"],
-                    edges["margin"],
+                    radius,
+                    margin,
+                    self._impaired,
                 )
 
     def _edge(
@@ -155,13 +163,12 @@ class StudyReport:
         others: Mapping[str, Any],
         keys: tuple[str, str],
         values: Mapping[tuple[float, float], float | None],
-        of: str,
-        known: dict[tuple[float, float], Check],
+        distance: Distance,
     ) -> Array:
         """Return where theory has a boundary, (places, 2)."""
         if not self._bases:
             return np.empty((0, 2))
-        found = theory_boundary(self._bases, others, keys, values, of, known)
+        found = theory_boundary(self._bases, others, keys, values, distance)
         return np.array(found).reshape(-1, 2)
 
     def _below_one(self, places: Sequence[int]) -> float | None:
@@ -170,6 +177,12 @@ class StudyReport:
 
     def _margin(self, places: Sequence[int]) -> float | None:
         return self._mean("margin", places)
+
+    @property
+    def _impaired(self) -> bool:
+        """Whether links have faults somewhere on the axes, which conditions know nothing of."""
+        bases = any(base.impaired for base in self._bases.values())
+        return bases or any(key.startswith("faults.") for key in self._table.keys)
 
     @cached_property
     def _bases(self) -> dict[str, Experiment]:

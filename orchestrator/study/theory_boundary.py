@@ -1,17 +1,19 @@
 """Where theory has its boundaries on a map, between its points: where ρ = 1, where a margin is 0.
 
-On each line of the map, along either axis, neighbours on two sides of a boundary are bisected by
-theory alone, which runs nothing. Of many such pairs some are taken, evenly, so that it is a matter
-of seconds.
+ρ is of the links of each place, of the root of the mean square where they lose samples; conditions
+are of links without faults. On each line of the map, along either axis, neighbours on two sides of
+a boundary are bisected by theory alone, which runs nothing. Of many such pairs some are taken,
+evenly, so that it is a matter of seconds.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
-from math import isfinite, sqrt
+from math import isfinite, isnan, sqrt
 from typing import Any
 
 from nrs_cosim.bus.errors import CosimError
-from nrs_cosim.orchestrator.analysis.conditions import Check, check
+from nrs_cosim.orchestrator.analysis.conditions import conditions_of
+from nrs_cosim.orchestrator.analysis.link_recursions import radius_over
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.study.axes import rounded
 from nrs_cosim.orchestrator.study.point_run import smallest_margin
@@ -19,6 +21,7 @@ from nrs_cosim.orchestrator.study.points import PointReader
 
 MOST, HALVINGS = 32, 6
 Place = tuple[float, float]
+Distance = Callable[[Experiment], float]
 
 
 def theory_boundary(
@@ -26,34 +29,40 @@ def theory_boundary(
     others: Mapping[str, Any],
     keys: tuple[str, str],
     values: Mapping[Place, float | None],
-    of: str,
-    known: dict[Place, Check],
+    distance: Distance,
 ) -> list[Place]:
-    """Return places (x, y) on the boundary of `radius` or `margin` among cells with such values.
+    """Return places (x, y) on a boundary among cells with such values.
 
-    Values are those of the cells, less than 0 on one side of the boundary. `known` is what theory
-    said of places before, for both. Where a place between is no scenario, nothing is returned.
+    Values are those of the cells, less than 0 on one side of the boundary, and `distance` has them
+    elsewhere. Where a place between is no scenario, or nothing is known, nothing is returned.
     """
     found, reader = [], PointReader(bases)
     pairs = [*_pairs(values, 0), *_pairs(values, 1)]
     step = max(len(pairs) / MOST, 1)
 
     def value_at(place: Place) -> float:
-        if place not in known:
-            at = {**others, **dict(zip(keys, place, strict=True))}
-            known[place] = check(reader.at(at).experiment)
-        if of == "radius":
-            return 1.0 - known[place].rho.upper
-        margin = smallest_margin(known[place])
-        return 0.0 if margin is None else margin
+        at = {**others, **dict(zip(keys, place, strict=True))}
+        return distance(reader.at(at).experiment)
 
     for number in range(min(len(pairs), MOST)):
         axis, low, high = pairs[int(number * step)]
         try:
-            found.append(_bisected(value_at, keys[axis], axis, (low, high), values[low] or 0.0))
+            place = _bisected(value_at, keys[axis], axis, (low, high), values[low] or 0.0)
         except CosimError:
             continue
+        found += [place] if place else []
     return found
+
+
+def below_one(experiment: Experiment) -> float:
+    """Return how far ρ is below 1, of bounds the upper; not a number where it is not known."""
+    return 1.0 - radius_over(experiment).upper
+
+
+def least_margin(experiment: Experiment) -> float:
+    """Return the smallest margin of the conditions; 0 without any."""
+    margin = smallest_margin(conditions_of(experiment))
+    return 0.0 if margin is None else margin
 
 
 def _pairs(values: Mapping[Place, float | None], axis: int) -> list[tuple[int, Place, Place]]:
@@ -73,14 +82,17 @@ def _pairs(values: Mapping[Place, float | None], axis: int) -> list[tuple[int, P
 
 def _bisected(
     value_at: Callable[[Place], float], key: str, axis: int, pair: Sequence[Place], first: float
-) -> Place:
+) -> Place | None:
     low, high = pair
     far = low[axis] > 0 and high[axis] > 4 * low[axis]
     for _ in range(HALVINGS):
         a, b = low[axis], high[axis]
         middle = rounded(key, sqrt(a * b) if far else (a + b) / 2)
         place = (middle, low[1]) if axis == 0 else (low[0], middle)
-        if (value_at(place) < 0) == (first < 0):
+        value = value_at(place)
+        if isnan(value):
+            return None
+        if (value < 0) == (first < 0):
             low = place
         else:
             high = place

@@ -48,6 +48,8 @@ class StudyMap:
     """Where theory has ρ = 1, (places, 2)."""
     margin: Array
     """Where the smallest margin of the conditions is 0, (places, 2)."""
+    impaired: bool = False
+    """Whether links have faults, which ρ is of and the conditions are not."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,10 +192,10 @@ def _next_to(grid: Array, seen: NDArray[np.bool_]) -> Array:
 def _marks(axes: Axes, one: StudyMap) -> list[Any]:
     """Draw where theory has its boundaries, and runs failed; return what the legend says of it."""
     failed = np.stack([one.x, one.y], axis=1)[one.failed]
-    handles = []
+    handles, of = [], ", of links without faults" * one.impaired
     for places, marker, size, colour, name in (
         (failed, "s", 7, "none", "a run failed"),
-        (one.margin, "x", 6, _MARGIN, "conditions: margin 0"),
+        (one.margin, "x", 6, _MARGIN, f"conditions{of}: margin 0"),
         (one.radius, ".", 6, _RADIUS, "theory: ρ = 1"),
     ):
         if len(places):
