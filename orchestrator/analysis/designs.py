@@ -34,11 +34,12 @@ from nrs_cosim.orchestrator.analysis.link_designs import (
 )
 from nrs_cosim.orchestrator.analysis.plant_bounds import Find
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.times import longest_part
 
 DIGITS = 6
-"""Of gains that are written."""
+"""Of gains that are chosen."""
 WITHIN = 0.999
-"""The part of the longest period, or largest jitter, that is written: at the bound errors stay."""
+"""The part of the longest period that is chosen: at the bound errors stay."""
 HALVINGS = 8
 """Of the jitter between none and a period."""
 AWAY, OVER_LINKS = 4.0, 8
@@ -145,7 +146,7 @@ def longest_period(experiment: Experiment) -> ScenarioDesign:
     return ScenarioDesign(
         "period",
         {"bound": bound, "period": h, "source": "statement G3"},
-        {"period": f"h < {bound:.6g} s for convergence (statement G3); {h:g} s is written"},
+        {"period": f"h < {bound:.6g} s for convergence (statement G3); {h:g} s is chosen"},
         _with_period(experiment, h),
     )
 
@@ -160,7 +161,7 @@ def _period_over_links(experiment: Experiment, h: float) -> ScenarioDesign:
         {"bound": high, "period": period, "source": ""},
         {
             "period": "over these links the estimates converge at all periods that were tried from "
-            f"{first:.3g} s on, and not at {high:.6g} s; {period:g} s is written"
+            f"{first:.3g} s on, and not at {high:.6g} s; {period:g} s is chosen"
         },
         _with_period(experiment, period),
     )
@@ -283,11 +284,14 @@ def _rounded_down(h: float) -> float:
 
 
 def _with_period(experiment: Experiment, h: float) -> dict[str, Any]:
-    """Return the changes for a sampling period: the duration is a whole number of them."""
-    end = experiment.scenario.run.end or h
+    """Return the changes for a sampling period: the duration is a whole number of them.
+
+    The output step, where one is given, is the longest part of it that is no longer than it was.
+    """
+    end, step = experiment.scenario.run.end or h, experiment.scenario.run.output_step
     return {
         "run.sampling_period": h,
-        "run.output_step": None,
+        "run.output_step": longest_part(h, step) if step else None,
         "run.duration": float(f"{ceil(end / h * (1 - 1e-9)) * h:.12g}"),
     }
 

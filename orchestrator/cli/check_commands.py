@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.cli.option_rules import OptionRules
 from nrs_cosim.orchestrator.cli.options import (
     Compile,
@@ -104,7 +105,13 @@ def check(
 
             begin("the worst target")
             changed = worst_target_changes(experiment, ultimate)
-            write_scenario(output, experiment, changed_text(experiment, changed, "--worst-target"))
+            text = changed_text(experiment, changed, "--worst-target")
+            head = [
+                f"{quoted(experiment.name)} with the target of nrs check --worst-target, at which "
+                "errors of the estimates come to the worst case within gamma_1 and gamma_2 near "
+                "the end."
+            ]
+            write_scenario(output, experiment, text, head)
     if as_json:
         print_json(theory_json(checked, ultimate))
     else:

@@ -1,10 +1,12 @@
 """`nrs design`: the scenario that is best in one way, with what theory says of it."""
 
+from decimal import ROUND_CEILING, Context
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from nrs_cosim.bus.errors import InputError
+from nrs_cosim.bus.text import quoted
 from nrs_cosim.orchestrator.cli.option_rules import OptionRules
 from nrs_cosim.orchestrator.cli.options import (
     NewScenario,
@@ -17,6 +19,7 @@ from nrs_cosim.orchestrator.cli.options import (
 from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json
 
 if TYPE_CHECKING:
+    from nrs_cosim.orchestrator.analysis.bounds import UltimateBounds
     from nrs_cosim.orchestrator.analysis.designs import ScenarioDesign
     from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
     from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -107,22 +110,26 @@ def _show(
 ) -> None:
     """Show a design and the check of the scenario that it makes, which is written where asked."""
     from nrs_cosim.orchestrator.analysis.bounds import bounds, ultimate_bounds
-    from nrs_cosim.orchestrator.analysis.conclusion import theory_json
+    from nrs_cosim.orchestrator.analysis.conclusion import conclusion, theory_json
     from nrs_cosim.orchestrator.analysis.conditions import check
     from nrs_cosim.orchestrator.cli import summary_text
+    from nrs_cosim.orchestrator.cli.conclusion_text import conclusion_sentence
     from nrs_cosim.orchestrator.cli.scenario_files import changed_text, write_scenario
     from nrs_cosim.orchestrator.cli.tables import grid
     from nrs_cosim.orchestrator.scenario.file import resolve_scenario
 
+    if output is not None and not found.changes:
+        raise InputError(f"-o {output}: nothing is found that would be written")
     text = changed_text(experiment, found.changes, "design")
     name = experiment.name
     changed = resolve_scenario(text, name, experiment.folder, name, experiment.assets)
-    if output is not None:
-        if not found.changes:
-            raise InputError(f"-o {output}: nothing is found that would be written")
-        write_scenario(output, experiment, text)
     checked = check(changed, find)
     ultimate = ultimate_bounds(changed, checked.links.radius, find)
+    if output is not None:
+        rows = found.rows | _kept(found, ultimate)
+        said = [f"{quoted(name)}, changed by nrs design:", *(f"{k}: {v}" for k, v in rows.items())]
+        sentence = conclusion_sentence(conclusion(checked, ultimate))
+        write_scenario(output, experiment, text, [*said, sentence])
     if as_json:
         print_json(
             {
@@ -133,6 +140,19 @@ def _show(
             }
         )
         return
-    grid(out, found.rows)
+    where = str(output) if output else "not written; -o NEW.toml writes it"
+    grid(out, found.rows | {"scenario": where if found.changes else "unchanged"})
     out.print()
     summary_text.theory_table(out, checked, ultimate, bounds(ultimate))
+
+
+def _kept(found: "ScenarioDesign", ultimate: "UltimateBounds") -> dict[str, str]:
+    """Return a line of the accuracy that is proven of what is written, where one was asked for."""
+    kept = ultimate.tracking.worst_case
+    if found.goal != "accuracy" or kept is None:
+        return {}
+    up = Context(prec=4, rounding=ROUND_CEILING).create_decimal_from_float
+    said = f"|q - eps_0|2 <= {up(kept.position):g}, |qd - ups_0|2 <= {up(kept.velocity):g}"
+    any_target = f"|ups_0|inf <= {ultimate.gamma_1:.4g}, |a_0|inf <= {ultimate.gamma_2:.4g}"
+    how = "as far as P3 was sampled" if ultimate.sampled else "proven"
+    return {"kept": f"in steady state {said} for any target of {any_target} ({how})"}

@@ -1,12 +1,13 @@
 """A changed scenario is written beside the files that it names, and never over another file."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.cli.output_paths import make_folder
 from nrs_cosim.orchestrator.scenario.changes import Change, with_changes
+from nrs_cosim.orchestrator.scenario.comments import with_head
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
 
@@ -16,8 +17,8 @@ def changed_text(experiment: Experiment, changes: Mapping[str, Any], option: str
     return with_changes(experiment.text, [Change(option, option, None, values)])
 
 
-def write_scenario(output: Path, experiment: Experiment, text: str) -> None:
-    """Write the text of a scenario that was changed.
+def write_scenario(output: Path, experiment: Experiment, text: str, head: Sequence[str]) -> None:
+    """Write the text of a scenario that was changed, under lines that say how and for what.
 
     `InputError` for a file that is there, and where what the scenario names would not be found.
     """
@@ -29,7 +30,7 @@ def write_scenario(output: Path, experiment: Experiment, text: str) -> None:
         )
     try:
         with output.open("x", encoding="utf-8") as file:
-            file.write(text)
+            file.write(with_head(text, head))
     except FileExistsError:
         raise InputError(f"-o {output}: is there already; give another name") from None
     except OSError as error:

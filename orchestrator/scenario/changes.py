@@ -24,11 +24,13 @@ from typing import Any
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import Array, InlineTable
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted, shortened, storable
 from nrs_cosim.estimator_agents.installed import is_installed, parameters_of
 from nrs_cosim.orchestrator.scenario.assets import Assets
+from nrs_cosim.orchestrator.scenario.comments import drop_comments
 from nrs_cosim.orchestrator.scenario.resolution import TARGET_FMU
 from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
 
@@ -230,8 +232,12 @@ def _apply(table: Any, values: Mapping[Key, Any]) -> None:
     for (*above, name), value in values.items():
         inner = table
         for part, below in pairwise((*above, name)):
-            inner = _within(inner, part, below)
+            outer, inner = inner, _within(inner, part, below)
+            if isinstance(inner, InlineTable | Array):  # on the lines of its own key
+                drop_comments(outer, part)
         at: Any = _place(inner, name) if isinstance(inner, list) else name
+        if not isinstance(inner, list) and inner.get(name) != value:
+            drop_comments(inner, name)
         if value is not None:
             inner[at] = value
         elif isinstance(inner, list) or name in inner:

@@ -14,6 +14,16 @@ from nrs_cosim.orchestrator.scenario.experiment import Experiment
 LONGEST_NS, MOST_TICKS = 2**63, 2**32
 TRIES = 10_000
 """Divisors that are tried, for advice."""
+MOST_PARTS = 64
+"""More than the fewest, of a period whose output step is chosen anew."""
+
+
+def longest_part(period: float, most: float) -> float:
+    """Return the longest part of a period that is whole ns and at most so long; all times in s."""
+    whole = nanoseconds(period)
+    fewest = -(-whole // nanoseconds(most))
+    parts = next((n for n in range(fewest, fewest + MOST_PARTS) if whole % n == 0), 1)
+    return seconds(whole // parts)
 
 
 def wrong_times(experiment: Experiment) -> Iterator[str]:

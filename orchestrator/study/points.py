@@ -28,6 +28,7 @@ from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.changes import Change, tables_with, unchanged_assets
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import resolve_scenario, tables_of
+from nrs_cosim.orchestrator.scenario.times import longest_part
 from nrs_cosim.orchestrator.scenario.toml_text import toml_text
 from nrs_cosim.orchestrator.study.axes import SEED
 from nrs_cosim.orchestrator.study.rows import StudyRow, written_point
@@ -43,7 +44,6 @@ FOLLOWED = (
     f"{STEP}: the longest part of the sampling period that is no longer than the scenario's",
 )
 """What follows h, as it is said to the user."""
-_MOST_PARTS = 64
 _BY_VERSION = ("nrs-cosim", "numpy", "scipy")
 
 
@@ -164,7 +164,7 @@ def followed(tables: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, A
     if not isinstance(run, Mapping) or not isinstance(period, int | float) or not period > 0:
         return {}
     try:
-        period_ns = nanoseconds(float(period))
+        nanoseconds(float(period))
     except ValueError:  # of which the scenario's own check tells
         return {}
     h, found = Decimal(repr(period)), dict[str, Any]()
@@ -172,15 +172,8 @@ def followed(tables: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, A
     if DURATION not in given and isinstance(duration, int | float):
         found[DURATION] = float(h * max(round(Decimal(repr(duration)) / h), 1))
     if STEP not in given and isinstance(step, int | float) and step > 0:
-        found[STEP] = _longest_part(period_ns, nanoseconds(float(step)))
+        found[STEP] = longest_part(float(period), float(step))
     return found
-
-
-def _longest_part(period: int, most: int) -> float:
-    """Return the longest part of a period, s, that is whole ns and at most so many ns long."""
-    fewest = -(-period // most)
-    parts = next((n for n in range(fewest, fewest + _MOST_PARTS) if period % n == 0), 1)
-    return float(Decimal(period // parts) / 10**9)
 
 
 def third_party_fmus(experiment: Experiment) -> dict[str, str]:

@@ -148,3 +148,37 @@ def test_a_place_that_a_list_does_not_have_is_told():
                 toml({"faults.links": [{"loss": 0.1}, {"delay": 1}]}),
                 [Change.of("--set", f"{key}=0.3")],
             )
+
+
+@pytest.mark.parametrize(
+    ("change", "gone"),
+    [
+        ("run.h=0.2", {"above", "two lines", "beside"}),
+        ("run.h=0.1", set()),
+        ("run.b.c=1", {"dotted"}),
+        ("run.q.a=2", {"inline"}),
+        ("run.d=[1]", {"within", "after"}),
+        ("run.new=1", {"of the table"}),
+    ],
+)
+def test_what_a_comment_says_of_a_value_goes_with_it(change, gone):
+    text = """# all
+
+[run]  # of the table
+# apart
+
+# above
+# two lines
+h = 0.1  # beside
+b.c = 3  # dotted
+q = {a = 1}  # inline
+d = [1,  # within
+  2]  # after
+e = true  # last
+"""
+
+    def comments(text):
+        return {line.partition("#")[2].strip() for line in text.splitlines() if "#" in line}
+
+    changed = with_changes(text, [Change.of("--set", change)])
+    assert comments(text) - comments(changed) == gone

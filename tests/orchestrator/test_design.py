@@ -1,6 +1,7 @@
 """Gains and a period that are designed for an accuracy keep it in runs."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -149,6 +150,43 @@ def test_over_late_links_the_period_and_the_gains_are_those_that_converge_there(
     radius = nrs_cosim.check(fastest.scenario).as_json()["links"]["radius"]["upper"]
     assert radius == pytest.approx(fastest.values["spectral_radius"], abs=1e-9)
     assert radius < 0.857 < fastest.values["before"]  # of sound links the best gains come to 0.917
+
+
+def comments_of(text):
+    return [line.partition("#")[2].strip() for line in text.splitlines() if "#" in line]
+
+
+def test_what_is_written_says_what_was_asked_and_what_is_kept_and_nothing_of_the_values_before(
+    tmp_path,
+):
+    given, output = tmp_path / "given.toml", tmp_path / "designed.toml"
+    text = PAPER_FILE.read_text("utf-8").replace("kp = 200.0", "# softer\nkp = 200.0  # by hand")
+    given.write_text(text, "utf-8")
+    done = nrs("design", given, "--accuracy", "0.5", "0.5", "-o", output)
+    assert f"scenario   {output}" in done.stdout.splitlines()
+    scenario, written = nrs_cosim.Scenario.load(output), output.read_text("utf-8")
+    head = " ".join(comments_of(written.partition("\n\n")[0]))
+    assert "accuracy: |q - eps_0|2 -> 0.5, |qd - ups_0|2 -> 0.5" in head
+    for bound in nrs_cosim.check(scenario).bounds[2:]:
+        said = float(re.search(re.escape(bound.name) + r" <= ([\d.]+)", head)[1])
+        assert bound.worst_case <= said <= min(1.001 * bound.worst_case, 0.5)
+    kept = set(comments_of(text)) - set(comments_of(written))
+    assert {"s, the paper's h", "softer", "by hand", comments_of(text)[0]} <= kept
+    assert "2t + sin t" in comments_of(written)
+    assert scenario["run.output_step"] == scenario["run.sampling_period"] == 0.0166
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"), [(None, None), (0.1, 0.0986), (0.05, 0.0493), (1e-3, 1e-3)]
+)
+def test_the_output_step_is_the_longest_part_of_the_period_that_is_no_longer_than_it_was(
+    given, expected
+):
+    """Of 493 000 000 ns = 2⁶ 5⁶ 17 · 29 ns the fewest parts that do are 5, 10 and 493."""
+    scenario = nrs_cosim.Scenario.load(SCENARIOS / "paper_example_3a.toml")
+    found = nrs_cosim.design(scenario.replace({"run.output_step": given}), "period")
+    assert found.scenario["run"].get("output_step") == expected
+    assert found.scenario["run.sampling_period"] == 0.493
 
 
 @pytest.mark.parametrize("goal", ["--fastest", "--period", "--jitter", "--pin=1"])

@@ -32,6 +32,9 @@ def test_a_scenario_with_the_worst_target_is_written_once_and_is_a_scenario(tmp_
     worst = nrs_cosim.Scenario.load(output)
     assert worst["target.kind"] == "sampled"
     assert worst.robots == 6
+    assert output.read_text("utf-8").startswith(
+        "# 'paper_first_order' with the target of nrs check"
+    )
     again = nrs("check", PAPER_FILE, "--worst-target", "-o", output)
     assert again.returncode == 2
     assert "is there already" in again.stderr
