@@ -26,10 +26,11 @@ from nrs_cosim.orchestrator.engine.attachments import (
     urdf_records,
     urdfs_of,
 )
+from nrs_cosim.orchestrator.engine.growth import growth_before
 from nrs_cosim.orchestrator.engine.in_process import InProcess, in_process
 from nrs_cosim.orchestrator.engine.last_fifth import LastFifth
 from nrs_cosim.orchestrator.engine.layouts import expect_same_on_any_workers
-from nrs_cosim.orchestrator.engine.lockstep import Launcher, Lockstep, TargetNode, window
+from nrs_cosim.orchestrator.engine.lockstep import Launcher, Lockstep, TargetNode, Workers, window
 from nrs_cosim.orchestrator.engine.native.arranging import load_arranging
 from nrs_cosim.orchestrator.engine.pace import NO_PACE, Pace
 from nrs_cosim.orchestrator.engine.restart import AT_ONCE
@@ -72,6 +73,13 @@ class Profile:
     """Then: why NumPy does the ticks; nothing where native code does."""
     steps_why: str
     """Then: why native code that does the ticks does not step the plants too; nothing if so."""
+
+    @classmethod
+    def of(cls, workers: Workers, lockstep: Lockstep) -> "Profile":
+        """Return where the time of a run went that is over."""
+        here = isinstance(workers, InProcess)
+        why = (workers.numpy_why, workers.steps_why) if isinstance(workers, InProcess) else ("", "")
+        return cls(workers.spent(), lockstep.spent, lockstep.recording, here, *why)
 
     def as_json(self) -> dict[str, dict[str, float]]:
         """Return it for JSON, s by process and by what it was spent on."""
@@ -125,7 +133,6 @@ def run(
     """
     clock, n, scenario = experiment.clock, experiment.n, experiment.scenario
     every, faulty = scenario.run.checkpoint_every, experiment.faulty
-    measuring = experiment.topologies.ever_pinned.tolist()
     checkpoints = 0 < every <= clock.ticks
     expect_attachable(experiment.assets)
     expect_same_on_any_workers(experiment)
@@ -136,7 +143,8 @@ def run(
         target = TargetNode(bus, clock, wire, experiment.target)
         plants = workers.describe_plants()
         assets, urdfs = recorded_assets(experiment, plants), urdfs_of(experiment, plants)
-        topics = channels(experiment.codecs, n, faulty, checkpoints, plants, measuring)
+        measuring = experiment.topologies.ever_pinned
+        topics = channels(experiment.codecs, n, faulty, checkpoints, plants, measuring.tolist())
         writer = stack.enter_context(
             Writer(
                 output,
@@ -193,10 +201,10 @@ def run(
         wall_seconds = perf_counter() - started
         workers.end()
         recorder.end()
+        if cause and cause.kind == "plant":
+            reason = _grown_before(writer, experiment) + reason
         rejected = Counter(recorder.rejected) + Counter(workers.rejected)
-        here = isinstance(workers, InProcess)
-        why = (workers.numpy_why, workers.steps_why) if isinstance(workers, InProcess) else ("", "")
-        profile = Profile(workers.spent(), lockstep.spent, lockstep.recording, here, *why)
+        profile = Profile.of(workers, lockstep)
         extra = {
             SPENT: json.dumps(profile.as_json()),
             REJECTED: json.dumps(rejected),
@@ -221,6 +229,17 @@ def run(
         recorder.repeated,
         copied,
     )
+
+
+def _grown_before(writer: Writer, experiment: Experiment) -> str:
+    """Return how the estimates that are recorded had grown when a plant gave up, if they had."""
+    writer.flush()
+    with Reader(writer.path) as reader:
+        growth = growth_before(reader, experiment)
+    if growth is None:
+        return ""
+    faster = f", {growth.rate:.3g} times at each sampling time" if growth.rate else ""
+    return f"the estimates' errors had grown to {growth.after:.3g}{faster}, and a plant gave up: "
 
 
 def _placed(cause: Cause, clock: Clock, recorder: Recorder) -> Cause:

@@ -27,6 +27,7 @@ from nrs_cosim.orchestrator.analysis.bounds import UltimateBounds, ultimate_boun
 from nrs_cosim.orchestrator.analysis.comparison import TheoryComparison, compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import Check
 from nrs_cosim.orchestrator.analysis.conditions import check as check_experiment
+from nrs_cosim.orchestrator.engine.growth import growth_before, growth_of
 from nrs_cosim.orchestrator.engine.run import Outcome
 from nrs_cosim.orchestrator.engine.run import run as run_experiment
 from nrs_cosim.orchestrator.engine.summary import measure
@@ -34,7 +35,6 @@ from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.scenario.assets import Assets
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
-from nrs_cosim.orchestrator.study.growth import growth_of
 from nrs_cosim.orchestrator.study.points import is_drawn
 from nrs_cosim.orchestrator.study.rows import QUANTITIES, RESULTS, RowStatus, StudyRow
 from nrs_cosim.plant_fmu.cache import keep_fmu, stored_fmu
@@ -135,7 +135,7 @@ def _row_of(task: PointTask, experiment: Experiment, begun: float) -> dict[str, 
         with Reader(path) as reader:
             measured = measure(reader, experiment)
             compared = compare_to_theory(reader, experiment, measured, ultimate)
-            status, rate = _status(outcome, reader, experiment, compared)
+            status, rate = _status(outcome, reader, experiment, compared, checked)
             about, ending = about_run(reader), reader.ending
             found = _theory(checked, ultimate, compared) | {
                 "status": status,
@@ -152,6 +152,8 @@ def _row_of(task: PointTask, experiment: Experiment, begun: float) -> dict[str, 
             if ending and ending.cause:
                 cause = ending.cause
                 kind = "deadline" if status == "timeout" else cause.kind
+                if status == "diverged" != kind:
+                    kind, found["reason"] = status, f"{_divergence(checked)}: {outcome.reason}"
                 found |= {
                     "cause_kind": kind,
                     "cause_tick": cause.tick,
@@ -167,13 +169,24 @@ def _row_of(task: PointTask, experiment: Experiment, begun: float) -> dict[str, 
 
 
 def _status(
-    outcome: Outcome, reader: Reader, experiment: Experiment, compared: TheoryComparison
+    outcome: Outcome,
+    reader: Reader,
+    experiment: Experiment,
+    compared: TheoryComparison,
+    checked: Check,
 ) -> tuple[RowStatus, float | None]:
-    """Return what a run came to, and by what its errors were multiplied at a sampling time."""
+    """Return what a run came to, and by what its errors were multiplied at a sampling time.
+
+    Where a plant gave up as errors grew, which nothing proves to fall, it is they that diverged.
+    """
     if outcome.status == "interrupted":
         return "timeout", None
     cause = reader.ending.cause if reader.ending else None
     if outcome.status == "failed" and (cause is None or cause.kind != "diverged"):
+        plant = cause is not None and cause.kind == "plant"
+        grown = growth_before(reader, experiment) if plant else None
+        if grown and checked.convergence != "converges":
+            return "diverged", grown.rate
         return "failed", None
     rate = compared.measured_radius
     if rate is not None and outcome.status == "completed":
@@ -183,6 +196,14 @@ def _status(
     if outcome.status == "failed":
         return "diverged", rate
     return ("not_converged" if growth and growth.has_grown else "converged"), rate
+
+
+def _divergence(checked: Check) -> str:
+    """Say that the estimates diverge, by theory where it is known that they do."""
+    if checked.convergence != "diverges":
+        return "the estimates diverge"
+    rho = (checked.links.radius or checked.rho).lower
+    return f"the estimates diverge (spectral radius {rho:.4g} over the links)"
 
 
 def _theory(checked: Check, ultimate: UltimateBounds, compared: TheoryComparison) -> dict[str, Any]:

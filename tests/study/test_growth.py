@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import nrs_cosim as nrs
-from nrs_cosim.orchestrator.study.growth import Growth, growth_of
+from nrs_cosim.orchestrator.engine.growth import Growth, growth_of
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.scenarios import paper
 

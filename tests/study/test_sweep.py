@@ -182,18 +182,26 @@ def test_the_first_run_waits_for_no_point_but_one_of_each_value(tmp_path, monkey
 
 
 def test_a_plant_that_fails_is_a_row_with_its_cause_recording_and_line_to_run_it_again(tmp_path):
+    """Where the estimates had grown without bound, it is these that are the cause."""
     shutil.copy(built(tmp_path), tmp_path / "faulty.fmu")
-    write(tmp_path / "s.toml", base=three_robots(isolate=False))
+    write(tmp_path / "s.toml", base=three_robots(isolate=False, parameters={"fault_time": 0.55}))
     over, folder = f"plant.parameters.fault={FAULTS.index('none')},{FAULTS.index('error')}", "study"
     done = command(
-        "sweep", "s.toml", "--over", over, "-o", folder, "--jobs", "0", cwd=tmp_path
+        "sweep", "s.toml", "--over", over, "--over", "algorithm.alpha=0.9,3",
+        "-o", folder, "--jobs", "0", cwd=tmp_path,
     )  # fmt: skip
     assert done.returncode == 1, done.stderr
     info = json.loads(command("study", "info", folder, "--json", cwd=tmp_path).stdout)
-    assert info["statuses"] == {"converged": 1, "failed": 1}
+    expected = ("converged", "not_converged", "failed", "diverged")
+    assert info["statuses"] == dict.fromkeys(expected, 1)
     (failure,) = info["failures"]
     assert (failure["status"], failure["cause"]) == ("failed", "plant")
     assert failure["reason"] in " ".join(done.stderr.split())
+    (diverged,) = (row for row in nrs.Study(tmp_path / folder).rows if row.status == "diverged")
+    assert (diverged.cause_kind, diverged.cause_robot) == ("diverged", 1)
+    radius, grown = diverged.reason.split(": the estimates' errors had grown to ")
+    assert radius == "the estimates diverge (spectral radius 2 over the links)"
+    assert grown.endswith(f"at each sampling time, and a plant gave up: {failure['reason']}")
     again = command(*failure["command"].split()[1:], "-o", "again.mcap", cwd=tmp_path)
     assert again.returncode == 1
     digests = [

@@ -1,7 +1,8 @@
 """Whether the errors of a run's estimates grow, from what was recorded alone.
 
 It is asked where theory has no motion to hold them against: of links that lose samples, of
-algorithms that are not linear, of estimates that diverge. With s(a, b) the largest ‖ε̄_i(t_k)‖∞ and
+algorithms that are not linear, of estimates that diverge; and where a plant gave up, which may have
+followed estimates beyond all bounds. With s(a, b) the largest ‖ε̄_i(t_k)‖∞ and
 ‖ῡ_i(t_k)‖∞ over honest robots and the ticks from part a to part b of the run, the rate is
 
     (s(¾, 1) / s(½, ¾)) ^ (4 / ticks),
@@ -24,6 +25,8 @@ from nrs_cosim.recordings.measurement import errors_by_tick
 GROWN = 1.5
 _FEWEST = 8
 """Ticks of a run whose quarters say anything."""
+_BEFORE_A_FAILURE = 4
+"""The same where a plant gave up, which needs an explanation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +51,13 @@ class Growth:
         return self.after > GROWN * self.before > GROWN**2 * self.earlier
 
 
-def growth_of(reader: Reader, experiment: Experiment) -> Growth | None:
+def growth_before(reader: Reader, experiment: Experiment) -> Growth | None:
+    """Return how errors had grown when a plant gave up; None where they had not."""
+    growth = growth_of(reader, experiment, _BEFORE_A_FAILURE)
+    return growth if growth and growth.has_grown else None
+
+
+def growth_of(reader: Reader, experiment: Experiment, fewest: int = _FEWEST) -> Growth | None:
     """Return how the errors of a recording grow; None where too few ticks say anything."""
     liars = np.array(experiment.byzantine, int) - 1
     sizes = [
@@ -57,7 +66,7 @@ def growth_of(reader: Reader, experiment: Experiment) -> Growth | None:
         for size in np.abs(np.delete(errors, liars, axis=2)).max(axis=(1, 2, 3)).tolist()
     ]
     n = len(sizes)
-    if n < _FEWEST:
+    if n < fewest:
         return None
     cuts = n // 4, n // 2, n - n // 4, n
     earlier, before, after = (max(sizes[a:b]) for a, b in pairwise(cuts))
