@@ -1,5 +1,8 @@
 """What joints are called, and the units of fields: as declared, or from joints' coordinates."""
 
+import re
+from collections.abc import Sequence
+
 import numpy as np
 
 from nrs_cosim.bus.fields import Field, column_names
@@ -44,6 +47,14 @@ def shared_joints(run: RunRecord) -> tuple[JointRecord, ...]:
     """Return the joints of all robots where these are alike; none where they are not."""
     found = {group.joints for group in run.plants}
     return found.pop() if len(found) == 1 else ()
+
+
+def joint_names(names: Sequence[str], m: int) -> list[str]:
+    """Return what m joints are called; one by its number where its FMU has no better name."""
+    return [
+        f"joint {number}" if re.fullmatch(r"(q\[\d+\])?", name) else name
+        for number, name in enumerate(names or [""] * m, 1)
+    ]
 
 
 def column_notes(codec: Codec | None, run: RunRecord) -> dict[str, dict[str, str]]:

@@ -1,7 +1,8 @@
 """Tables and lists for a terminal of any width: no line is longer, and none ends inside a word.
 
 Where columns have no room, titles are folded, and a last column of texts; what has none even then
-stands below its row, with its title. In a pipe or a file there is room for all.
+stands below its row, with its title. A text of the last column that is longer than what is left
+goes on below itself. In a pipe or a file there is room for all.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -89,9 +90,12 @@ def _layout(
             widths = widths_of(folded)
             over = sum(widths) + gap * (len(widths) - 1) - room
             if over <= part * widths[-1]:
-                widths[-1] -= int(max(over, 0))
+                longest = max((row[-1].cell_len for row in cells), default=0)
+                left = max(widths[-1] - over, 0)
+                folds = texts and longest > left
+                widths[-1] = int(left) if folds else widths[-1]
                 everything = range(len(widths))
-                return gap, widths, everything, everything[-1:] if over > 0 else ()
+                return gap, widths, everything, everything[-1:] if folds else ()
     widths = widths_of(False)
     return GAP, widths, _beside(widths, room), ()
 

@@ -30,6 +30,7 @@ from nrs_cosim.recordings.measurement import (
 from nrs_cosim.recordings.metadata import ASSETS, MEASURED, RUN, SCENARIO
 from nrs_cosim.recordings.schemas import about as about_run
 from nrs_cosim.recordings.schemas import expect_joints, recorded_types
+from nrs_cosim.recordings.units import joint_names
 
 _PARTIAL = "none of the run: messages of it are missing here"
 
@@ -151,19 +152,23 @@ def lines(summary: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
             ("q - eps_0|2", measured.position_tracking),
             ("qd - ups_0|2", measured.velocity_tracking),
         ),
-        **_limited(summary["saturation"], summary["joints"]),
+        **_limited(summary["saturation"], summary["plants"], summary["joints"]),
         **of,
         "digest": summary["digest"] or _PARTIAL,
         "recording": summary["file"],
     }
 
 
-def _limited(saturation: Mapping[str, Sequence[float]] | None, m: int) -> dict[str, str]:
+def _limited(
+    saturation: Mapping[str, Sequence[float]] | None, plants: Sequence[Mapping[str, Any]], m: int
+) -> dict[str, str]:
     """Say how often torques are at their limits, where there are any."""
     if saturation is None:
         return {}
     of = {int(robot): at for robot, at in saturation.items()}
-    return {"limits": saturation_in_words(of, [f"joint {joint}" for joint in range(1, m + 1)])}
+    each = {tuple(joint["name"] for joint in plant["joints"]) for plant in plants}
+    names = each.pop() if len(each) == 1 else ()
+    return {"limits": saturation_in_words(of, joint_names(names, m))}
 
 
 def _sent(samples: Mapping[str, float] | None) -> str:

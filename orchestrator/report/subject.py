@@ -1,7 +1,6 @@
 """What a report must know of a scenario: target, network and theory."""
 
 import json
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -23,7 +22,7 @@ from nrs_cosim.recordings.metadata import RunRecord
 from nrs_cosim.recordings.report.data import Story, read_story
 from nrs_cosim.recordings.report.subject import Subject, unit_over
 from nrs_cosim.recordings.schemas import about
-from nrs_cosim.recordings.units import shared_joints
+from nrs_cosim.recordings.units import joint_names, shared_joints
 
 
 def story_of(reader: Reader, experiment: Experiment | None = None) -> Story:
@@ -71,7 +70,7 @@ def subject_of(
         topologies=experiment.topologies,
         phases=_phases(experiment.topologies),
         units=units,
-        joints=[_joint(number, joints) for number in range(1, experiment.m + 1)],
+        joints=joint_names(joints, experiment.m),
         conditions=_condition_rows(checked) if checked else [],
         spectral_radius=None
         if checked is None or checked.links.loss  # no run falls by a mean-square radius
@@ -81,12 +80,6 @@ def subject_of(
         settings=_settings(experiment),
         gains=gain_map(experiment, checked) if checked else None,
     )
-
-
-def _joint(number: int, names: Sequence[str]) -> str:
-    """Return what a joint is called; by its number where its FMU has no better name for it."""
-    name = names[number - 1] if names else ""
-    return f"joint {number}" if re.fullmatch(r"(q\[\d+\])?", name) else name
 
 
 def _pace(clock: Clock) -> str:

@@ -47,6 +47,18 @@ def test_columns_that_do_not_fit_move_together_then_fold_then_stand_below(width,
     assert [line.rstrip() for line in lines(screen)] == expected
 
 
+@pytest.mark.parametrize("width", [60, 120])
+def test_a_long_text_in_the_last_column_goes_on_below_itself(width):
+    joints = [f"left_{part}_joint" for part in ("shoulder_pitch", "elbow", "wrist_roll")] * 3
+    screen = console(width)
+    table(screen, (*COLUMNS[:3], Column("about")), [(*ROW[:3], " ".join(joints))])
+    _, first, *more = (line.rstrip() for line in lines(screen))
+    hangs = first.index("left")
+    assert more
+    assert all(line.rfind(" " * hangs) == 0 and len(line) <= width for line in more)
+    assert " ".join((first[hangs:], *more)).split() == joints
+
+
 def test_titles_are_folded_before_a_column_of_numbers_stands_below_its_row():
     columns = (
         Column("robot"),
