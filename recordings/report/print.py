@@ -42,7 +42,8 @@ STYLE: dict[Any, Any] = {
     "legend.fontsize": 7,
     "legend.frameon": False,
     "lines.linewidth": 1.0,
-    "pdf.fonttype": 42,
+    "pdf.fonttype": 42,  # TrueType: journals refuse Type 3
+    "ps.fonttype": 42,
     "svg.hashsalt": "nrs",
     "xtick.color": "#5a6470",
     "ytick.color": "#5a6470",
@@ -50,6 +51,12 @@ STYLE: dict[Any, Any] = {
 _WIDTH = 8.0
 DPI = 300
 """Of pictures for print."""
+METADATA: Mapping[str, Mapping[str, Any]] = {
+    "png": {"Software": ""},
+    "svg": {"Date": None},
+    "pdf": {"CreationDate": None},
+}
+"""By form: without what would be other bytes tomorrow."""
 _DASHES: Mapping[str, Any] = {
     "solid": "-",
     "dash": (0, (5, 3)),
@@ -67,9 +74,15 @@ def write_figures(drawn: Sequence[Figure], legend: Sequence[Group], path: Path, 
     if form != "pdf":
         write_picture(drawn, path, legend, form=form, dpi=DPI)
         return
-    with mpl.rc_context(STYLE), PdfPages(path, metadata={"CreationDate": None}) as pages:
-        for figure in drawn:
-            pages.savefig(_sheet([figure], legend))
+    with mpl.rc_context(STYLE):
+        write_pages([_sheet([figure], legend) for figure in drawn], path)
+
+
+def write_pages(sheets: Sequence[Sheet], path: Path) -> None:
+    """Write a PDF of a page for each sheet; fonts are as the style says when they are written."""
+    with mpl.rc_context(STYLE), PdfPages(path, metadata=METADATA["pdf"]) as pages:
+        for sheet in sheets:
+            pages.savefig(sheet)
 
 
 def drawn_of(stories: Sequence[Story]) -> list[Figure]:
@@ -86,10 +99,9 @@ def write_picture(
     dpi: int | None = None,
 ) -> None:
     """Write some figures one under another, up to a time in s or whole; the same bytes again."""
-    metadata = {"Software": ""} if form == "png" else {"Date": None}
     with mpl.rc_context(STYLE):
         sheet = _sheet(drawn, legend, until)
-        sheet.savefig(path, format=form, metadata=metadata, dpi=dpi or "figure")
+        sheet.savefig(path, format=form, metadata=METADATA[form], dpi=dpi or "figure")
 
 
 def _sheet(drawn: Sequence[Figure], legend: Sequence[Group], until: float | None = None) -> Sheet:

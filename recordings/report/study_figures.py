@@ -14,13 +14,12 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure as Sheet
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from nrs_cosim.recordings.report.print import INKS, STYLE
+from nrs_cosim.recordings.report.print import INKS, METADATA, STYLE, write_pages
 
 Array = NDArray[np.float64]
 _RADIUS, _MARGIN = "#c2255c", "#1b1f24"
@@ -80,16 +79,11 @@ def write_study_figures(
     maps: Sequence[StudyMap], slices: Sequence[StudySlice], path: Path, form: str
 ) -> None:
     """Write all figures: `png` and `svg` one under another, `pdf` each on its page."""
-    drawn = study_sheets(maps, slices) if form == "pdf" else [_together(maps, slices)]
     if form == "pdf":
-        with PdfPages(path) as pages:
-            for sheet in drawn:
-                pages.savefig(sheet)
+        write_pages(study_sheets(maps, slices), path)
         return
     with mpl.rc_context(STYLE):
-        drawn[0].savefig(
-            path, format=form, dpi=160, metadata={"Date": None} if form == "svg" else None
-        )
+        _together(maps, slices).savefig(path, format=form, dpi=160, metadata=METADATA[form])
 
 
 def study_sheets(maps: Sequence[StudyMap], slices: Sequence[StudySlice]) -> list[Sheet]:
@@ -113,7 +107,7 @@ def study_svgs(maps: Sequence[StudyMap], slices: Sequence[StudySlice]) -> list[s
     for sheet in study_sheets(maps, slices):
         buffer = BytesIO()
         with mpl.rc_context(STYLE):
-            sheet.savefig(buffer, format="svg", metadata={"Date": None})
+            sheet.savefig(buffer, format="svg", metadata=METADATA["svg"])
         text = buffer.getvalue().decode()
         found.append(text[text.index("<svg") :])
     return found
@@ -297,6 +291,4 @@ def write_radius_map(
                 scale("log")
         axes.grid(visible=False)
         sheet.colorbar(drawn, ax=axes, label="ρ, up to 2")
-        sheet.savefig(
-            path, format=form, dpi=160, metadata={"Date": None} if form == "svg" else None
-        )
+        sheet.savefig(path, format=form, dpi=160, metadata=METADATA[form])

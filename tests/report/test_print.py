@@ -1,5 +1,7 @@
 """Figures on paper are written, and something is on them."""
 
+import re
+
 import numpy as np
 import pytest
 from matplotlib.image import imread
@@ -9,7 +11,13 @@ from typer.testing import CliRunner
 from docs.figures import draw
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.cli.main import app
-from nrs_cosim.recordings.report.print import distance_figure
+from nrs_cosim.recordings.report.curves import Figure
+from nrs_cosim.recordings.report.print import distance_figure, write_figures
+from nrs_cosim.recordings.report.study_figures import (
+    StudyMap,
+    write_radius_map,
+    write_study_figures,
+)
 from tests.cases import cases
 
 nrs = CliRunner()
@@ -102,6 +110,28 @@ def test_a_pdf_has_a_page_for_each_figure(paper, tmp_path):
     assert written.startswith(b"%PDF-")
     assert written.count(b"/Type /Page ") == 3
     assert len(written) > 50_000
+
+
+def _write_study(path):
+    ends, none = np.array([0.1, 0.9]), np.zeros((0, 2))
+    drawn = StudyMap("α over β", "α", "β", ends, ends, ends, ends, ends > 1, none, none)
+    write_study_figures([drawn], [], path, "pdf")
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        _write_study,
+        lambda path: write_radius_map(("α", "β"), (np.arange(3),) * 2, np.eye(3), path, "pdf"),
+        lambda path: write_figures([Figure("one", "ε of robot 1", "", ())], [], path, "pdf"),
+    ],
+    ids=["study", "map", "report"],
+)
+def test_the_fonts_of_a_pdf_are_truetype_as_journals_ask(tmp_path, write):
+    write(tmp_path / "a.pdf")
+    fonts = re.findall(rb"<<([^<>]*/Type /Font [^<>]*)", (tmp_path / "a.pdf").read_bytes())
+    kinds = [re.search(rb"/Subtype /(\w+)", font)[1] for font in fonts]
+    assert {*kinds} == {b"Type0", b"CIDFontType2"}
 
 
 def test_the_documents_figure_is_drawn_by_the_same_code(paper, tmp_path):
