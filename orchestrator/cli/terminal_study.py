@@ -36,6 +36,7 @@ from nrs_cosim.orchestrator.study.axes import (
     with_draw,
 )
 from nrs_cosim.orchestrator.study.boundary import changes_along
+from nrs_cosim.orchestrator.study.cost import TimedPoint, estimated_cost, time_left
 from nrs_cosim.orchestrator.study.dispatch import StudyEngine
 from nrs_cosim.orchestrator.study.engines import dask_engine, local_engine
 from nrs_cosim.orchestrator.study.plan import Refinement, StudyPlan, task_of
@@ -252,37 +253,28 @@ def _show_dry_run(plan: StudyPlan, options: SweepOptions) -> None:
     every = count if step > 1 else len(read)
     share = every / max(len(read), 1)
     about = "about " if step > 1 else ""
-    seconds, size = _estimate(new, plan, store)
     found = len(read) - len(new)
-    ticks = sum(point.experiment.clock.ticks for point in new)
+    ticks = share * sum(point.experiment.clock.ticks for point in new)
+    seconds, size = estimated_cost(_timed(new, plan, store), ticks)
     grid(
         out,
         {
             "points": f"{every}, of which {about}{round(share * found)} have a row",
-            "ticks": f"{about}{round(share * ticks)}",
-            "time": f"about {share * seconds:.3g} s of one processor",
-            "size": f"about {share * size / 1e6:.3g} MB of recordings if all were kept",
+            "ticks": f"{about}{round(ticks)}",
+            "time": f"about {seconds:.3g} s of one processor",
+            "size": f"about {size / 1e6:.3g} MB of recordings if all were kept",
         },
     )
 
 
-def _estimate(
-    points: Sequence[StudyPoint], plan: StudyPlan, store: StudyStore
-) -> tuple[float, float]:
-    """Return the time, s, and the size, bytes, of points, by a few of them that are run."""
-    spent, ticks, messages = 0.0, 0, 0
-    for point in evenly(points, TIMED):
-        row = run_point(task_of(point, plan, store))
-        if isinstance(row, dict):
-            spent, ticks = spent + row["cpu_seconds"], ticks + point.experiment.clock.ticks
-            messages += row["messages"] or 0
-    every = sum(point.experiment.clock.ticks for point in points)
-    share = every / ticks if ticks else 0.0
-    return spent * share, messages * share * BYTES
-
-
-BYTES = 40
-"""Of a recording, for each message: 11,106 of the paper's example are 0.45 MB."""
+def _timed(points: Sequence[StudyPoint], plan: StudyPlan, store: StudyStore) -> list[TimedPoint]:
+    """Run a few of some points, and return what each took."""
+    rows = [(point, run_point(task_of(point, plan, store))) for point in evenly(points, TIMED)]
+    return [
+        TimedPoint(row["cpu_seconds"], point.experiment.clock.ticks, row["messages"] or 0)
+        for point, row in rows
+        if isinstance(row, dict)
+    ]
 
 
 @contextmanager
@@ -290,12 +282,12 @@ def _following(
     console: Console, *, as_json: bool
 ) -> Iterator[Callable[[StudyProgress, StudyRow | None], None]]:
     """Show how far a study is: a bar on a terminal, lines in a pipe, JSON where it is asked for."""
-    begun, latest = monotonic(), StudyProgress(0)
+    latest, reached = StudyProgress(0), [(monotonic(), 0)]
 
     def left() -> str:
         if not latest.ticks:
             return ""
-        seconds = (monotonic() - begun) * latest.ticks_left / latest.ticks
+        seconds = time_left(reached, monotonic(), latest.ticks, latest.ticks_left)
         return f", about {seconds:.0f} s left"
 
     def status() -> str:
@@ -313,6 +305,8 @@ def _following(
         def follow(now: StudyProgress, _row: StudyRow | None) -> None:
             nonlocal latest
             latest = now
+            if len(reached) == 1 and now.ticks:
+                reached.append((monotonic(), now.ticks))
 
         with status_lines(console, status):
             yield follow
