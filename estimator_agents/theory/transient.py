@@ -9,7 +9,7 @@ Where A ≥ 0 the norm is max A^k 1, a vector's; of few robots A^k is made by sq
 import numpy as np
 
 from nrs_cosim.bus.matrices import Matrix, as_array, nonzeros
-from nrs_cosim.estimator_agents.theory.recursion import Array, Recursion
+from nrs_cosim.estimator_agents.theory.recursion import Array
 
 DENSE = 500
 """The order of A up to which its powers are made."""
@@ -19,12 +19,11 @@ FAR = 40
 """Squares: no more than 2^40 ticks are looked at."""
 
 
-def ticks_until(recursion: Recursion, share: float) -> int | None:
+def ticks_until(A: Matrix, share: float) -> int | None:
     """Return the k at which ‖A^k‖∞ comes to a share < 1; None where that is not found.
 
     A is one matrix for all ticks, with ρ < 1, and the norm is above the share at k − 1.
     """
-    A = recursion.matrix
     if A.shape[0] <= DENSE:
         return _by_squares(as_array(A), share)
     return _by_ones(A, share) if A.min() >= 0 else None

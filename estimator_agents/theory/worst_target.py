@@ -72,7 +72,7 @@ def worst_targets(
     _, rows = attained(
         ErrorRecursion.of(recursion), unit, most, (gamma_1, gamma_2), np.zeros(2), PERIODS
     )
-    beginning = ticks_until(recursion, FORGOTTEN)
+    beginning = ticks_until(recursion.matrix, FORGOTTEN)
     if beginning is None:
         beginning = ceil(log(FORGOTTEN) / log(radius)) if radius > 0 else 1
     found: list[WorstTarget | None] = []

@@ -104,6 +104,14 @@ class UltimateBounds:
         return bound.plus(self.added.sampled) if self.added else bound
 
     @property
+    def why_loose(self) -> str:
+        """Why the worst case may be above what a target attains; empty where it is not, or none."""
+        if self.step is None or self.worst_case is None:
+            return ""
+        late = bool(self.step.longest)
+        return "samples are late" if late else "agents keep more than a position and a velocity"
+
+    @property
     def sampled(self) -> bool:
         """Whether what is said of tracking rests on P3 of some robots as it was sampled."""
         return any(part.sampled for part in self.robots)
@@ -115,6 +123,7 @@ class UltimateBounds:
             "gamma_2": finite(self.gamma_2),
             "source": self.source,
             "why_not": self.why_not,
+            "why_loose": self.why_loose,
             "norms": _norms(self.paper) if self.paper else [],
             "estimates": {
                 "steady_state": pair_json(self.steady_state),

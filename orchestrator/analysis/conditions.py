@@ -11,6 +11,7 @@ from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions, nominal_o
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
 from nrs_cosim.estimator_agents.theory.declared_modes import expect_modes
+from nrs_cosim.estimator_agents.theory.delays import LateStep
 from nrs_cosim.estimator_agents.theory.honest_hull import HonestHull
 from nrs_cosim.estimator_agents.theory.network import NetworkSummary
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
@@ -26,6 +27,7 @@ from nrs_cosim.orchestrator.analysis.convergence import (
     spectra_of,
     why_unknown,
 )
+from nrs_cosim.orchestrator.analysis.link_recursions import step_of_run
 from nrs_cosim.orchestrator.analysis.links import LinkAnalysis, LinkStatus, link_analysis
 from nrs_cosim.orchestrator.analysis.plant_bounds import Find, tracking_conditions
 from nrs_cosim.orchestrator.analysis.robot_conditions import (
@@ -76,8 +78,9 @@ class Check:
     """After how many ticks the turns come again."""
     any_order: AnyOrder | None
     periods: Periods
-    recursion: Recursion | None
-    """Of all ticks; None where it is not one, or the jump is not linear."""
+    period: Recursion | LateStep | None
+    """What is the same at all ticks, a step of agents that keep more; None where nothing is, or it
+    is not linear."""
     links: LinkAnalysis
     """What follows from what links do to samples."""
     impaired: bool
@@ -131,10 +134,32 @@ class Check:
     @property
     def settling_time(self) -> float | None:
         """s, from the beginning, until any error is a millionth of it; None where not known."""
-        if self.premise or self.recursion is None or not self.rho.upper < 1:
+        period, h = self.period, self.periods.constant_period
+        if self.premise or period is None or h is None or not self.rho.upper < 1:
             return None
-        ticks = ticks_until(self.recursion, 1e-6)
-        return None if ticks is None else ticks * self.recursion.h
+        matrix = period.matrix() if isinstance(period, LateStep) else period.matrix
+        ticks = ticks_until(matrix, 1e-6)
+        return None if ticks is None else ticks * h
+
+    @property
+    def why_unsettled(self) -> str:
+        """Why there is no settling time; empty where there is one, or no convergence without it."""
+        if not self.rho.upper < 1:
+            return ""
+        reasons = {
+            "links have faults": self.impaired,
+            "robots lie": bool(self.byzantine),
+            "sampling is not periodic": self.periods.constant_period is None,
+            "there are several digraphs": self.network is None,
+            "agents decide when they send, or are not linear": self.period is None,
+        }
+        why = next((why for why, so in reasons.items() if so), "")
+        return why or "there are too many robots" * (self.settling_time is None)
+
+    @property
+    def keeps_more(self) -> bool:
+        """Whether agents keep more than a position and a velocity, so that errors are of it all."""
+        return isinstance(self.period, LateStep)
 
     @np.errstate(all="ignore")
     def as_json(self) -> dict[str, Any]:
@@ -162,6 +187,7 @@ class Check:
             "links": self.links.as_json(),
             "rate": finite(self.rate),
             "settling_time": self.settling_time,
+            "why_unsettled": self.why_unsettled,
         }
         if self.periods.constant_period is None:
             result["aperiodic"] = {
@@ -232,9 +258,7 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         any_order=any_order_over(experiment, periods)
         or any_order_of(algorithm, topologies, periods),
         periods=periods,
-        recursion=recursions[0]
-        if len(recursions) == 1 and periods.constant_period is not None
-        else None,
+        period=_same_at_all_ticks(experiment, periods, recursions),
         links=link_analysis(experiment, spectra, periods, rho),
         impaired=experiment.impaired,
         byzantine=tuple(experiment.byzantine),
@@ -242,6 +266,16 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
         hull=hull_of(experiment),
         chords=chords_of(experiment),
     )
+
+
+def _same_at_all_ticks(
+    experiment: Experiment, periods: Periods, recursions: Sequence[Recursion]
+) -> Recursion | LateStep | None:
+    if len(recursions) == 1:
+        return recursions[0]
+    if experiment.algorithm.nominal() is not None:  # what triggers let pass does not fall
+        return None
+    return step_of_run(experiment, periods, recursions)[0]
 
 
 @np.errstate(all="ignore")  # as above

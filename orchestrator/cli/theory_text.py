@@ -161,13 +161,12 @@ def _rate(checked: "Check") -> str:
     """Say how fast errors fall asymptotically, and the settling time of any initial error."""
     rate = "without limit" if checked.rate == inf else f"{checked.rate:.4g} per s"
     rate += " asymptotically"
+    rate += ", at least" * bool(checked.premise or isnan(checked.spectral_radius))
     fallen = checked.settling_time
-    if checked.premise:
-        return f"{rate}, at least"
     if fallen is None:
-        at_least = ", at least" * isnan(checked.spectral_radius)
-        return f"{rate}{at_least}; settling time not computed"
-    return f"{rate}; settling time {fallen:.4g} s, to a millionth of any initial error"
+        return f"{rate}; settling time not computed: {checked.why_unsettled} (statement W8)"
+    of = " in all that agents keep (statement W8)" * checked.keeps_more
+    return f"{rate}; settling time {fallen:.4g} s, to a millionth of any initial error{of}"
 
 
 def _any_order(found: "AnyOrder", of: str) -> str:
@@ -225,6 +224,11 @@ def bound_rows(ultimate: "UltimateBounds") -> dict[str, str]:
         of_velocities = ultimate.worst_case is not None
         some = "of velocities alone (statement W5)" if of_velocities else "none"
         rows["bounds"] = f"{some}: {ultimate.why_not}"
+    elif ultimate.why_loose:
+        rows["bounds"] = (
+            f"of step responses, which no target may attain where gamma_1 binds, and none of the "
+            f"paper's: {ultimate.why_loose} (statement W8)"
+        )
     elif ultimate.paper is None and ultimate.recursions and not ultimate.added:
         several = "a switching topology" if ultimate.switching else "all periods at once"
         of = f"is of {several}" if ultimate.switching or ultimate.aperiodic else "is found"

@@ -34,13 +34,13 @@ def fallen_on_a_path(n, alpha, h):
 
 @pytest.mark.parametrize(("n", "alpha"), [(1, 0.9), (40, 0.9), (40, 0.3), (1000, 0.9), (600, 0.5)])
 def test_on_a_path_errors_fall_after_the_hops(n, alpha):
-    found = ticks_until(recursion_of(FirstOrder(alpha, alpha), path(n), 0.1), MILLIONTH)
+    found = ticks_until(recursion_of(FirstOrder(alpha, alpha), path(n), 0.1).matrix, MILLIONTH)
     assert found == fallen_on_a_path(n, alpha, 0.1)
 
 
 @pytest.mark.parametrize("n", [1, 8, 300])
 def test_gains_of_1_leave_no_error_after_the_hops(n):
-    assert ticks_until(recursion_of(FirstOrder(1, 1), path(n), 0.1), MILLIONTH) == n
+    assert ticks_until(recursion_of(FirstOrder(1, 1), path(n), 0.1).matrix, MILLIONTH) == n
 
 
 @settings(max_examples=40, deadline=None, derandomize=True, database=None)
@@ -49,7 +49,7 @@ def test_the_settling_time_is_where_the_norm_of_a_power_falls_to_the_share(topol
     algorithm, h = of(0.8, beta), 0.2
     assume(spectral_radius(algorithm.modes(spectrum_of(topology), h)) < 0.97)
     recursion = recursion_of(algorithm, topology, h)
-    k = ticks_until(recursion, MILLIONTH)
+    k = ticks_until(recursion.matrix, MILLIONTH)
     A = as_array(recursion.matrix)
     sizes = [np.linalg.norm(np.linalg.matrix_power(A, j), np.inf) for j in (k - 1, k)]
     assert sizes[1] <= MILLIONTH * (1 + 1e-9)
@@ -57,4 +57,4 @@ def test_the_settling_time_is_where_the_norm_of_a_power_falls_to_the_share(topol
 
 
 def test_for_many_robots_with_gains_above_1_the_settling_time_is_unknown():
-    assert ticks_until(recursion_of(FirstOrder(1.1, 0.9), path(400), 0.1), MILLIONTH) is None
+    assert ticks_until(recursion_of(FirstOrder(1.1, 0.9), path(400), 0.1).matrix, MILLIONTH) is None

@@ -1,14 +1,18 @@
 """What `nrs check` claims, and no more: of which links, how far, and in which order."""
 
+from itertools import count
+
+import numpy as np
 import pytest
 
 from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
 from nrs_cosim.orchestrator.analysis.check_warnings import warnings_of
 from nrs_cosim.orchestrator.analysis.conditions import check
-from nrs_cosim.orchestrator.cli.theory_text import _complex, bound_rows
+from nrs_cosim.orchestrator.cli.theory_text import _complex, bound_rows, convergence_rows
 from nrs_cosim.orchestrator.report.subject import subject_of
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.orchestrator.scenario.robot_ids import multiple
+from tests.estimator_agents.paper import ADJACENCY
 from tests.orchestrator.networks import on, phases
 from tests.scenarios import SCENARIOS, example, paper
 
@@ -87,6 +91,40 @@ def test_for_switching_networks_the_settling_time_is_not_computed():
 def test_rounding_digits_of_an_eigenvalue_are_not_shown():
     assert _complex(2.77556e-17 - 0.840896j) == "0-0.840896j"
     assert _complex(0.5 + 1e-17j) == "0.5"
+
+
+def test_agents_that_keep_more_settle_in_all_that_they_keep():
+    """Of `dcea3`, whose A is F ⊗ I − F diag(α, β, γ) ⊗ (I − D)."""
+    D = ADJACENCY / (ADJACENCY.sum(axis=1) + np.eye(6)[2])[:, None]
+    flow, gain = np.array([[1, 0.1, 0.005], [0, 1, 0.1], [0, 0, 1]]), np.diag([0.9, 1.0, 0.9])
+    A = np.kron(flow, np.eye(6)) - np.kron(flow @ gain, np.eye(6) - D)
+    sizes = (np.linalg.norm(np.linalg.matrix_power(A, k), np.inf) for k in count(1))
+    ticks = next(k for k, size in enumerate(sizes, 1) if size <= 1e-6)
+    checked = check(example("compare_dcea3"))
+    assert checked.settling_time == pytest.approx(0.1 * ticks)
+    assert convergence_rows(checked)["rate"].endswith("in all that agents keep (statement W8)")
+    assert "(statement W8)" in bound_rows(ultimate_bounds(example("compare_dcea3")))["bounds"]
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "unsettled", "loose"),
+    [
+        ("paper_first_order", {}, "", ""),
+        ("paper_first_order", {"faults.links": [{"delay": 1}]}, "links have f", "samples are late"),
+        ("paper_first_order", {"run.sampling_jitter": 0.2}, "sampling is not periodic", ""),
+        ("compare_dcea3", {}, "", "agents keep more than a position and a velocity"),
+        ("compare_event_triggered", {}, "agents decide when they send", ""),
+        ("switching", {}, "there are several digraphs", ""),
+    ],
+)
+def test_what_is_less_than_of_the_paper_says_why(name, changes, unsettled, loose):
+    checked, ultimate = check(example(name, changes)), ultimate_bounds(example(name, changes))
+    assert checked.why_unsettled.startswith(unsettled)
+    assert (checked.settling_time is None) == bool(unsettled) == bool(checked.why_unsettled)
+    assert ultimate.why_loose == ultimate.as_json()["why_loose"] == loose
+    assert checked.as_json()["why_unsettled"] == checked.why_unsettled
+    said = f"not computed: {checked.why_unsettled} (statement W8)"
+    assert (said in convergence_rows(checked)["rate"]) == bool(unsettled)
 
 
 UNDECIDED = phases(
