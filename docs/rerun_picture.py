@@ -20,7 +20,7 @@ from PIL import Image
 from docs.chromium import headless
 
 SIZE = (1600, 900)
-PATIENCE, _BETWEEN = 60.0, 5.0
+PATIENCE, _BETWEEN = 400.0, 10.0
 """s: in all, and between two pictures."""
 _FEW = 200
 """Colours of a page on which nothing is drawn yet."""
@@ -47,7 +47,10 @@ def take(bag: Path, picture: Path) -> None:
 
 
 def _settled(address: str) -> bytes:
-    """Return the picture of a page once it no longer changes, or when patience is at its end."""
+    """Return the picture of a page once it no longer changes.
+
+    One that is still being drawn when patience is at its end is no picture of what it shows.
+    """
     with headless(*_ARGUMENTS) as browser:
         browser.get(address)
         before, began = b"", time.monotonic()
@@ -55,9 +58,9 @@ def _settled(address: str) -> bytes:
             time.sleep(_BETWEEN)  # a page says nothing of when it is drawn
             shown = browser.get_screenshot_as_png()
             if shown == before and _colours(shown) > _FEW:
-                break
+                return shown
             before = shown
-        return shown
+    raise SystemExit(f"{address}: still changes after {PATIENCE:g} s; draw on a quieter machine")
 
 
 def _colours(png: bytes) -> int:
