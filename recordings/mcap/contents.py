@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from nrs_cosim.bus.messages import HEADER
 from nrs_cosim.bus.topics import Topics
-from nrs_cosim.recordings.mcap.columns import MANY, Columns, rows_at
+from nrs_cosim.recordings.mcap.columns import Columns, rows_at
 from nrs_cosim.recordings.mcap.container import DamageError
 
 _HEADER = np.dtype(
@@ -39,9 +39,10 @@ class Contents:
         """Know the topics by the numbers of their channels; those of no run are let pass."""
         self._topics, self._n = topics, n
         numbers = {topic: number for number, topic in topics.items()}
-        self._first, self._last = np.full((2, MANY), -1, np.int64)
+        many = max(topics, default=0) + 1
+        self._first, self._last = np.full((2, many), -1, np.int64)
         """Of each channel the nodes whose messages are on it."""
-        self._is_event = np.zeros(MANY, bool)
+        self._is_event = np.zeros(many, bool)
         names = Topics.among(numbers, n)
         for kind in _KINDS:
             for topic, nodes in names.each(kind, range(n + 1)):

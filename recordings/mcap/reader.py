@@ -254,6 +254,7 @@ class Reader:
         self.metadata, self.attachments = {}, {}
         schemas: dict[int, Schema] = {}
         channels: dict[int, Channel] = {}
+        alike: dict[tuple[tuple[str, str], ...], dict[str, str]] = {}  # thousands say the same
         for kind, record in records:
             if kind == Opcode.SCHEMA:
                 schema = parsed(mcap.Schema.read, record)
@@ -262,6 +263,7 @@ class Reader:
                 channel = parsed(mcap.Channel.read, record)
                 metadata = dict(channel.metadata)
                 counted = metadata.pop("counted") == "true"
+                metadata = alike.setdefault(tuple(metadata.items()), metadata)
                 name = schemas[channel.schema_id].name
                 channels[channel.id] = Channel(channel.topic, name, counted, metadata)
             elif kind == Opcode.METADATA:

@@ -39,6 +39,19 @@ def all_of(path):
         return list(reader.messages())
 
 
+def test_what_channels_say_alike_is_in_memory_once(path):
+    units = [{"unit.position": '["rad"]'}, {"unit.position": '["m"]'}]
+    channels = [Channel(f"/{at}", "T", metadata=dict(units[at > 7])) for at in range(9)]
+    with Writer(
+        path, version="1", channels=channels, schemas=[Schema("T", b"")], metadata={},
+        attachments={},
+    ) as writer:  # fmt: skip
+        writer.finish("completed")
+    with Reader(path) as reader:
+        assert reader.channels == tuple(channels)
+        assert len({id(channel.metadata) for channel in reader.channels}) == 2
+
+
 def test_an_empty_tick_writes_nothing(path):
     message = (5, "a", 1, b"x")
     none = columns_of([message], {"a": 2}).at(np.zeros(1, bool))
