@@ -274,6 +274,7 @@ def test_the_error_classes_are_the_tree_that_is_drawn():
         "AbandonedError",
         "EndedError",
         "RecordingError",
+        "StillError",
         "UnstableStepError",
         "OverBudgetError",
     }
