@@ -152,10 +152,14 @@ function drawNetworks(runs) {
   }
 }
 
+// "left_elbow_joint" may go on in the next line after each "_"
+const breakable = (text) => text.split(/(?<=_)/).flatMap((part, at) => (at ? [make("wbr", {}), part] : part));
+
 function table(caption, heads, rows, className = "scroll") {
   const cell = (kind, value) => {
     const { text = value, name = "", number = false } = value !== null && typeof value === "object" ? value : {};
-    return make(kind, { className: `${name}${number ? " number" : ""}`.trim() }, ...indexed(String(text)));
+    const parts = indexed(String(text)).flatMap((part) => (typeof part === "string" ? breakable(part) : part));
+    return make(kind, { className: `${name}${number ? " number" : ""}`.trim() }, ...parts);
   };
   return make("div", { className }, make("table", {},
     ...(caption ? [make("caption", { textContent: caption })] : []),
@@ -189,7 +193,7 @@ function tellTheory(runs) {
     const laws = [...new Set(run.measured.flatMap(({ bounds }) => Object.keys(bounds)))];
     if (laws.length)
       tables.push(table(`${name}steady state`, ["", { text: "measured", number: true }, ...laws.map((text) => ({ text, number: true })), ""],
-        run.measured.map((m) => [`${m.norm} (${m.unit})`, number(m.value, 4),
+        run.measured.map((m) => [{ text: `${m.norm} (${m.unit})`, name: "norm" }, number(m.value, 4),
           ...laws.map((law) => (law in m.bounds ? number(m.bounds[law], 4) : "")), mark(m.status)])));
     return run.gains ? [...tables, make("figure", { innerHTML: run.gains })] : tables;
   }));
@@ -203,9 +207,9 @@ function tellNumbers(runs) {
     const [first] = run.plants, [joints, ...saturated] = run.saturated;
     return [
       ...(first ? [table(`${name}plants`, Object.keys(first),
-        run.plants.map((plant) => Object.entries(plant).map(([what, text]) => (what === "SHA-256" ? { text: text.slice(0, 16), name: "long" } : text))), "scroll wide")] : []),
+        run.plants.map((plant) => Object.entries(plant).map(([what, text]) => (what === "SHA-256" ? { text: text.slice(0, 16), name: "long" } : { text, name: what === "joints" ? "named" : "" }))), "scroll wide")] : []),
       ...(joints ? [table(`${name}torques at their limits, in parts of a robot’s states`, joints.map((text, at) => ({ text, number: at > 0 })),
-        saturated.map((row) => row.map((text, at) => ({ text, number: at > 0 }))))] : []),
+        saturated.map((row) => row.map((text, at) => ({ text, number: at > 0 }))), joints.length > 5 ? "scroll wide" : "scroll")] : []),
       table(`${name}messages`, [], Object.entries(run.counted).map(([what, count]) => [what, { text: count, number: true }])),
       make("details", {}, make("summary", { textContent: `${name}made by` }),
         table("", [], Object.entries(run.particulars).map(([what, text]) => [what, { text, name: "long" }]))),
