@@ -40,6 +40,7 @@ from nrs_cosim.estimator_agents.theory.late_states import (
     is_proven,
 )
 from nrs_cosim.estimator_agents.theory.linear_step import NEAR, LinearStep
+from nrs_cosim.estimator_agents.theory.outermost import within_of
 from nrs_cosim.estimator_agents.theory.solving import solve
 from nrs_cosim.estimator_agents.theory.varying import JointRadius, joint_spectral_radius
 
@@ -186,14 +187,22 @@ def contraction(steps: Sequence[LinearStep], spectrum: Spectrum) -> float:
     return float(np.abs(np.linalg.eigvals(whole)).max())
 
 
+Margin = Literal["exact", "at least", "any"]
+
+
 @dataclass(frozen=True, slots=True)
 class DelayMargin:
     """How late all samples may be, all alike, so that the estimates still converge."""
 
     periods: int | None
     """The largest d such that they do at 0, 1, … d; None where they do not even at 0."""
-    kind: Literal["exact", "at least", "any"]
-    """Whether they diverge at d + 1, no more was tried, or no delay is too long (D3)."""
+    kind: Margin
+    """Whether they diverge at d + 1, no more was tried or proven, or no delay is too long (D3)."""
+
+    @property
+    def refuted(self) -> bool:
+        """Whether it is known that one sampling period is too late."""
+        return self.periods == 0 and self.kind == "exact"
 
 
 def delay_margin(step: LinearStep, spectrum: Spectrum) -> DelayMargin:
@@ -206,7 +215,8 @@ def delay_margin(step: LinearStep, spectrum: Spectrum) -> DelayMargin:
         if left < 0 and d:
             return DelayMargin(d - 1, "at least")
         if not common_radius(step, spectrum, d) < 1:
-            return DelayMargin(d - 1 if d else None, "exact")
+            kind: Margin = "exact" if within_of(spectrum) is None else "at least"
+            return DelayMargin(d - 1 if d else None, kind)
     return DelayMargin(MOST, "at least")
 
 

@@ -5,14 +5,14 @@ import numpy as np
 from nrs_cosim.bus.matrices import Matrix, as_array, nonzeros
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.estimator_agents.algorithm import Spectrum
+from nrs_cosim.estimator_agents.theory.outermost import PartialSpectrum, outermost
 
-DENSE, BAND, EXTREMES = 1000, 32, 6
-"""Robots of a component up to which it is solved densely; the widest band that is solved; and how
-many eigenvalues are looked for at each end of a component for which neither is affordable."""
+DENSE, BAND = 1000, 32
+"""Robots of a component up to which it is solved densely, and the widest band that is solved."""
 
 
 def spectrum_of(topology: Topology) -> Spectrum:
-    """Return the eigenvalues s_i of D, shape (n,); of large components perhaps the outermost alone.
+    """Return the eigenvalues s_i of D, shape (n,); perhaps a `PartialSpectrum` of large components.
 
     D is block triangular over the strongly connected components of the digraph, so they are the
     eigenvalues of its diagonal blocks. A component of one robot gives an exact zero, where an
@@ -22,18 +22,22 @@ def spectrum_of(topology: Topology) -> Spectrum:
     parts = topology.components()
     lone = sum(len(part) == 1 for part in parts)
     blocks = [_eigenvalues(D[part][:, part], degree[part]) for part in parts if len(part) > 1]
-    return np.concatenate([np.zeros(lone), *blocks]).astype(np.complex128)
+    known = np.concatenate([np.zeros(lone), *(found for found, _ in blocks)]).astype(np.complex128)
+    within = [radius for _, radius in blocks if radius is not None]
+    return PartialSpectrum.of(known, max(within)) if within else known
 
 
-def _eigenvalues(block: Matrix, degree: np.ndarray) -> Spectrum:
+def _eigenvalues(block: Matrix, degree: np.ndarray) -> tuple[Spectrum, float | None]:
     """Return the eigenvalues of a component's part of D, of robots with in-degrees ϖ_i.
+
+    With them goes the radius that holds those which are not known, where there are such.
 
     A large one is solved when it is a directed cycle, where s^p is the product of its p weights, or
     when its edges go both ways with equal weights, for then B^½ D B^-½ is symmetric.
     """
     p = len(degree)
     if p <= DENSE:
-        return np.linalg.eigvals(as_array(block)).astype(np.complex128)
+        return np.linalg.eigvals(as_array(block)).astype(np.complex128), None
     from scipy import sparse  # noqa: PLC0415, as in `bus.matrices`
     from scipy.linalg import eigvals_banded  # noqa: PLC0415, as above
     from scipy.sparse.csgraph import reverse_cuthill_mckee  # noqa: PLC0415, as above
@@ -41,7 +45,7 @@ def _eigenvalues(block: Matrix, degree: np.ndarray) -> Spectrum:
     if nonzeros(block) == p:
         length = np.exp(np.log(block.data).mean())
         cycle: Spectrum = length * np.exp(2j * np.pi * np.arange(p) / p)
-        return cycle
+        return cycle, None
     root = sparse.diags_array(np.sqrt(degree))
     constant_period = (root @ block @ sparse.diags_array(1 / np.sqrt(degree))).tocsr()
     if abs(constant_period - constant_period.T).max() <= 1e-13:
@@ -53,20 +57,8 @@ def _eigenvalues(block: Matrix, degree: np.ndarray) -> Spectrum:
             band = np.zeros((width + 1, p))
             below = row >= column
             band[(row - column)[below], column[below]] = ranked.data[below]
-            return np.asarray(eigvals_banded(band, lower=True), np.complex128)
-    return np.unique(np.concatenate([_outermost(block, which) for which in ("LR", "SR", "LI")]))
-
-
-def _outermost(block: Matrix, which: str) -> Spectrum:
-    """Return the eigenvalues at one end, as many of them as Arnoldi's method comes to."""
-    from scipy.sparse.linalg import ArpackNoConvergence, eigs  # noqa: PLC0415, as above
-
-    start = np.ones(block.shape[0])
-    try:
-        found = eigs(block, EXTREMES, which=which, return_eigenvectors=False, v0=start)
-    except ArpackNoConvergence as error:
-        found = error.eigenvalues
-    return np.asarray(found, np.complex128)
+            return np.asarray(eigvals_banded(band, lower=True), np.complex128), None
+    return outermost(block)
 
 
 def thetas(spectrum: Spectrum) -> Spectrum:

@@ -228,7 +228,7 @@ def ultimate_bounds(
     why_not = why_no_bounds(experiment, algorithm, recursions, recursion, step, rho, links_bounded)
     added, gaps = None, None
     if not why_not and (nominal or rounds(experiment)):
-        added, gaps = _added(experiment, recursion, step, rho.radius)
+        added, gaps = _added(experiment, recursion, step, rho.upper)
         why_not = "" if added else _UNKNOWN_ERRORS
     step = None if recursions else step
     chords = chords_of(experiment)
@@ -240,17 +240,17 @@ def ultimate_bounds(
     if drawn or known.always:
         known, why_not, recursions, recursion = drawn or known, "", [], None
     elif step is not None and not why_not:
-        known = of_step(step, target, rho.radius, added, chord)
+        known = of_step(step, target, rho.upper, added, chord)
     elif recursion is not None and not why_not and periods.constant_period is None:
         both = None
         if not periods.early:
-            both = worst_case_of_list(recursion, periods.gaps, *whole, rho.radius)
+            both = worst_case_of_list(recursion, periods.gaps, *whole, rho.upper)
         if both is None:
             of_middle = spectral_radius(modes(algorithm, spectra[-1], middle))
             both = worst_case_aperiodic(recursion, r, *whole, of_middle)
         known = Known(None, *(both or ()))
     elif recursion is not None and not why_not:
-        known = of_recursion(recursion, target, rho.radius, added, topologies.switching)
+        known = of_recursion(recursion, target, rho.upper, added, topologies.switching)
     constant = recursion if periods.constant_period is not None and not added else None
     of_paper = known.paper.bound if known.paper else None
     tracking = tracking_of(robots, target, constant, known.always, of_paper, known.steps)

@@ -50,10 +50,11 @@ def _without_faults(checked: Check) -> list[str]:
     if rho.radius >= 1:
         return [_diverge(rho.radius)]
     if rho.lower >= 1:
-        return [f"some jitter lets {_diverge(rho.lower)}"]
+        some = "some jitter lets " if checked.periods.early else ""
+        return [f"{some}{_diverge(rho.lower)}"]
     if rho.upper >= 1:
         return [
-            f"it is not decided whether the estimates converge under every jitter: at worst "
+            f"{checked.undecided}: at worst "
             f"their error is multiplied by {multiple(rho.lower)} to {multiple(rho.upper)} at each "
             f"sampling time"
         ]

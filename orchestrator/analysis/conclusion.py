@@ -75,4 +75,4 @@ def _why_unknown(checked: Check) -> str:
         return "robots lie"
     if isnan(checked.rho.upper):
         return checked.why
-    return "it is not decided for every jitter" if isnan(checked.rho.radius) else ""
+    return checked.undecided if isnan(checked.rho.radius) else ""

@@ -7,19 +7,21 @@ from typing import Any, Literal
 
 import numpy as np
 
-from nrs_cosim.estimator_agents.algorithm import Spectrum, conditions, nominal_of
+from nrs_cosim.estimator_agents.algorithm import Spectrum, nominal_of
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
 from nrs_cosim.estimator_agents.theory.declared_modes import expect_modes
 from nrs_cosim.estimator_agents.theory.delays import LateStep
 from nrs_cosim.estimator_agents.theory.honest_hull import HonestHull
 from nrs_cosim.estimator_agents.theory.network import NetworkSummary
+from nrs_cosim.estimator_agents.theory.outermost import known_of, within_of
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.spectrum import smallest_theta
 from nrs_cosim.estimator_agents.theory.tracking import TRACKING
 from nrs_cosim.estimator_agents.theory.transient import ticks_until
 from nrs_cosim.orchestrator.analysis.chords import Chords, chords_of
 from nrs_cosim.orchestrator.analysis.convergence import (
+    conditions_for,
     merged,
     periods_of,
     recursions_of,
@@ -29,6 +31,7 @@ from nrs_cosim.orchestrator.analysis.convergence import (
 )
 from nrs_cosim.orchestrator.analysis.link_recursions import step_of_run
 from nrs_cosim.orchestrator.analysis.links import LinkAnalysis, LinkStatus, link_analysis
+from nrs_cosim.orchestrator.analysis.missing_bounds import UNDECIDED
 from nrs_cosim.orchestrator.analysis.plant_bounds import Find, tracking_conditions
 from nrs_cosim.orchestrator.analysis.robot_conditions import (
     POSITIVE,
@@ -38,7 +41,6 @@ from nrs_cosim.orchestrator.analysis.robot_conditions import (
 )
 from nrs_cosim.orchestrator.analysis.switching import (
     AnyOrder,
-    DigraphAnalysis,
     Phase,
     any_order_of,
     any_order_over,
@@ -120,7 +122,20 @@ class Check:
     @property
     def whole_spectrum(self) -> bool:
         """Whether all eigenvalues of D are there; of very large digraphs the outermost may be."""
-        return all(_is_whole(of) for phase in self.phases for of in phase.digraphs)
+        return all(within_of(of.spectrum) is None for phase in self.phases for of in phase.digraphs)
+
+    @property
+    def others_within(self) -> float | None:
+        """Within what of 0 the eigenvalues are that are not in `spectrum`; None if all are."""
+        radii = [within_of(of.spectrum) for phase in self.phases for of in phase.digraphs]
+        return max((radius for radius in radii if radius is not None), default=None)
+
+    @property
+    def undecided(self) -> str:
+        """What is said where `rho` may be below 1 and above."""
+        if self.periods.early:
+            return UNDECIDED + " under every jitter"
+        return UNDECIDED + ": not all eigenvalues are known" * (not self.whole_spectrum)
 
     @property
     def rate(self) -> float:
@@ -184,6 +199,7 @@ class Check:
             "network": asdict(self.network) if self.network else None,
             "period": self.periods.mean,
             "whole_spectrum": self.whole_spectrum,
+            "others_within": self.others_within,
             "links": self.links.as_json(),
             "rate": finite(self.rate),
             "settling_time": self.settling_time,
@@ -239,18 +255,17 @@ def check(experiment: Experiment, find: Find | None = None) -> Check:
     expect_same_on_any_workers(experiment)
     spectra = spectra_of(topologies)
     everywhere = merged(spectra)
-    own = conditions(algorithm, everywhere, periods.longest)
+    own = conditions_for(algorithm, everywhere, periods.longest)
     bounds = [c.right for c in own if c.name == OF_PERIOD]
-    spectrum = np.concatenate(everywhere)
     recursions = recursions_of(algorithm, topologies, periods.mean)
     rho = rho_of(nominal_of(algorithm), topologies, spectra, periods)
     return Check(
         algorithm=experiment.scenario.algorithm.name,
         parameters=experiment.scenario.algorithm.parameters,
-        spectrum=_pairs(spectrum),
+        spectrum=_pairs(np.concatenate([known_of(one) for one in everywhere])),
         rho=rho,
         why=why_unknown(nominal_of(algorithm), topologies, periods),
-        alpha_beta_bound=smallest_theta(spectrum),
+        alpha_beta_bound=min(map(smallest_theta, everywhere)),
         h_bound=min(bounds, default=None),
         conditions=_with_own(experiment, own, periods, find),
         phases=phases_of(algorithm, topologies, spectra, periods),
@@ -282,7 +297,7 @@ def _same_at_all_ticks(
 def conditions_of(experiment: Experiment) -> tuple[Condition, ...]:
     """Return the conditions alone, which are of links without faults, and of no radius."""
     periods, everywhere = periods_of(experiment), merged(spectra_of(experiment.topologies))
-    own = conditions(experiment.algorithm, everywhere, periods.longest)
+    own = conditions_for(experiment.algorithm, everywhere, periods.longest)
     return _with_own(experiment, own, periods)
 
 
@@ -306,10 +321,6 @@ def finite(number: float | None) -> float | None:
 
 def _pairs(spectrum: Spectrum) -> list[tuple[float, float]]:
     return [(float(s.real), float(s.imag)) for s in np.sort_complex(spectrum)]
-
-
-def _is_whole(digraph: DigraphAnalysis) -> bool:
-    return len(digraph.spectrum) == sum(map(len, digraph.network.components))
 
 
 def _bounds(rho: RadiusBounds) -> dict[str, float | None]:
@@ -339,8 +350,9 @@ def _phase_json(phase: Phase, status: Callable[[Condition], str]) -> dict[str, A
         "digraphs": [
             {
                 "of": digraph.of,
-                "spectrum": _pairs(digraph.spectrum),
-                "whole_spectrum": _is_whole(digraph),
+                "spectrum": _pairs(known_of(digraph.spectrum)),
+                "whole_spectrum": within_of(digraph.spectrum) is None,
+                "others_within": within_of(digraph.spectrum),
                 "alpha_beta_bound": finite(smallest_theta(digraph.spectrum)),
                 "spanning_tree": digraph.network.spanning_tree,
                 "network": asdict(digraph.network),

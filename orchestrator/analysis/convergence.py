@@ -6,12 +6,16 @@ the turns come again, and else that of the last turn, which stays.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from math import nan
 
 import numpy as np
 
 from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.topologies import TopologySchedule
-from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra, jumps
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra, Spectrum, conditions, jumps
+from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds, radius_bounds
 from nrs_cosim.estimator_agents.theory.linear_step import (
     linear_step,
@@ -19,6 +23,7 @@ from nrs_cosim.estimator_agents.theory.linear_step import (
     radius_of_list,
     why_not_linear,
 )
+from nrs_cosim.estimator_agents.theory.outermost import PartialSpectrum, known_of, within_of
 from nrs_cosim.estimator_agents.theory.recursion import Recursion, linear_jump, recursion_of
 from nrs_cosim.estimator_agents.theory.spectrum import spectral_radius, spectrum_of
 from nrs_cosim.estimator_agents.theory.switching import period, period_radius
@@ -34,6 +39,7 @@ def periods_of(experiment: Experiment) -> Periods:
     return Periods(tuple(map(seconds, clock.gaps)), early)
 
 
+@lru_cache(maxsize=1)  # conditions and bounds ask, of the same digraphs
 def spectra_of(topologies: TopologySchedule) -> list[Spectra]:
     """Return the eigenvalues of D, and of the velocities' D where that is another, by exchange."""
     found = {digraph: spectrum_of(digraph) for digraph in topologies.digraphs}
@@ -78,7 +84,20 @@ def rho_of(
 
 
 def rho_alone(algorithm: Algorithm, spectra: Spectra, periods: Periods) -> RadiusBounds:
-    """Return bounds on the factor of one digraph, or of two, which then no period matters to."""
+    """Return bounds on the factor of one digraph, or of two, which then no period matters to.
+
+    Of eigenvalues that are not all known the upper one is of the circle that holds the others.
+    """
+    upper = _rho_alone(algorithm, spectra, periods)
+    if all(within_of(one) is None for one in spectra):
+        return upper
+    known = [known_of(one) for one in spectra]
+    if not all(map(len, known)):
+        return RadiusBounds(0.0, upper.upper)
+    return RadiusBounds(_rho_alone(algorithm, tuple(known), periods).lower, upper.upper)
+
+
+def _rho_alone(algorithm: Algorithm, spectra: Spectra, periods: Periods) -> RadiusBounds:
     if periods.constant_period is None and len(spectra) == 1:
         if jumps(algorithm) or periods.early:
             return radius_bounds(algorithm, spectra[0], periods)
@@ -106,7 +125,38 @@ def why_unknown(algorithm: Algorithm, topologies: TopologySchedule, periods: Per
 
 def merged(spectra: Sequence[Spectra]) -> Spectra:
     """Return the eigenvalues of all digraphs together, which conditions are to hold for."""
-    positions = np.concatenate([one[0] for one in spectra])
+    positions = _together([one[0] for one in spectra])
     if all(len(one) == 1 for one in spectra):
         return (positions,)
-    return positions, np.concatenate([one[-1] for one in spectra])
+    return positions, _together([one[-1] for one in spectra])
+
+
+def _together(spectra: Sequence[Spectrum]) -> Spectrum:
+    known = np.concatenate([known_of(one) for one in spectra])
+    within = [radius for radius in map(within_of, spectra) if radius is not None]
+    return PartialSpectrum.of(known, max(within)) if within else known
+
+
+def conditions_for(algorithm: Algorithm, spectra: Spectra, h: float) -> list[Condition]:
+    """Return an algorithm's conditions; their bounds are not numbers where it is not known.
+
+    Of eigenvalues that are not all known one holds if it does on the circle that holds the others,
+    and is violated if it is by those that are known.
+    """
+    found = list(conditions(algorithm, spectra, h))
+    known = tuple(known_of(one) for one in spectra)
+    if all(within_of(one) is None for one in spectra):
+        return found
+    if not all(map(len, known)):
+        return [c if c.holds else _undecided(c) for c in found]
+    of_known = conditions(algorithm, known, h)
+    return [
+        c if c.holds else own if not own.holds else _undecided(c)
+        for c, own in zip(found, of_known, strict=True)
+    ]
+
+
+def _undecided(condition: Condition) -> Condition:
+    if condition.at_least:
+        return replace(condition, left=nan)
+    return replace(condition, right=nan)

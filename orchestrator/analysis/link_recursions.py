@@ -17,6 +17,7 @@ from nrs_cosim.estimator_agents.theory.delays import LateStep
 from nrs_cosim.estimator_agents.theory.linear_step import LinearStep, linear_step
 from nrs_cosim.estimator_agents.theory.loss import mean_square_radius
 from nrs_cosim.estimator_agents.theory.lossy_step import LossyStep, TickEdges, lossy_ticks
+from nrs_cosim.estimator_agents.theory.outermost import bounds_by
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
 from nrs_cosim.estimator_agents.theory.switching import product_radius
 from nrs_cosim.estimator_agents.theory.varying import JointRadius, joint_spectral_radius
@@ -101,10 +102,11 @@ def factor_over_links(
         return None
     if not faults.loss.any():
         if alone:
-            radius = LateStep(step, alone, faults.most).radius(spectrum)
+            late = LateStep(step, alone, faults.most)
+            radius = RadiusBounds(*bounds_by(late.radius, spectrum))
         else:
-            radius = radius_of_turns(experiment, faults, step)
-        return None if isnan(radius) else RadiusBounds(radius, radius)
+            radius = RadiusBounds(*[radius_of_turns(experiment, faults, step)] * 2)
+        return None if isnan(radius.upper) else radius
     lossy = lossy_steps(experiment, faults, step, faults.loss)
     phases = ticks_of(experiment.topologies, faults, faults.loss)[1]
     return mean_square_radius(lossy, phases) if lossy else None

@@ -30,6 +30,7 @@ from nrs_cosim.estimator_agents.theory.loss import (
     mean_square_radius,
 )
 from nrs_cosim.estimator_agents.theory.lossy_step import LossyStep
+from nrs_cosim.estimator_agents.theory.outermost import bounds_by
 from nrs_cosim.estimator_agents.theory.recursion import linear_jump
 from nrs_cosim.estimator_agents.theory.simulated_links import simulated_growth
 from nrs_cosim.estimator_agents.theory.switching import (
@@ -181,15 +182,16 @@ def _of_delays(
     if step and faults.fixed:
         if alone:
             late = LateStep(step, alone, faults.most)
-            radius = late.radius(spectrum)
-            source = "statement D1" if late.is_proven(radius) else proof or _ITERATED
+            radius = RadiusBounds(*bounds_by(late.radius, spectrum))
+            source = "statement D1" if late.is_proven(radius.upper) else proof or _ITERATED
         else:
-            radius, source = radius_of_turns(experiment, faults, step), "statement D5"
-        if not isnan(radius):
-            exact = RadiusBounds(radius, radius)
-            return replace(found, status=_STATUS[exact.status], source=source, radius=exact)
+            radius = RadiusBounds(*[radius_of_turns(experiment, faults, step)] * 2)
+            source = "statement D5"
+        if not isnan(radius.upper):
+            status = _STATUS.get(radius.status, "unknown")
+            return replace(found, status=status, source=source, radius=radius)
     if proof:
-        status: LinkStatus = "converges in mean square" if proof == _SOMETIMES else "converges"
+        status = "converges in mean square" if proof == _SOMETIMES else "converges"
         return replace(found, status=status, source=proof)
     joint = None
     if step and alone and experiment.missing == "hold":

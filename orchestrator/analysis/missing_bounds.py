@@ -10,6 +10,7 @@ from nrs_cosim.orchestrator.analysis.convergence import periods_of, why_unknown
 from nrs_cosim.orchestrator.analysis.link_faults import lasting_digraph, link_faults_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
+UNDECIDED = "it is not decided whether the estimates converge"
 _FEWER = "of agents that keep more than a position and a velocity there are bounds "
 
 
@@ -37,7 +38,7 @@ def why_no_bounds(
         _why_unbounded(experiment): not links_bounded,
         why_unknown(algorithm, topologies, periods): isnan(rho.upper),
         "the algorithm pulls the estimates to the origin": pulled,
-        _not_converging(rho): rho.status != "proven",
+        _not_converging(rho, bool(periods.early)): rho.status != "proven",
         _FEWER + "on one digraph, at a constant period": (
             not recursions and (len(topologies.digraphs) > 1 or periods.constant_period is None)
         ),
@@ -69,10 +70,10 @@ def _why_unbounded(experiment: Experiment) -> str:
     return "of delays that are drawn there are bounds on one digraph where D3 says they converge"
 
 
-def _not_converging(rho: RadiusBounds) -> str:
+def _not_converging(rho: RadiusBounds, jitter: bool) -> str:
     """Return why it is not proven that the estimates converge."""
     if rho.status == "not decided":
-        return "it is not decided whether the estimates converge under every jitter"
-    if rho.lower < rho.upper:
+        return UNDECIDED + " under every jitter" * jitter
+    if jitter and rho.lower < rho.upper:
         return "under some jitter the estimates diverge"
     return "the estimates diverge"

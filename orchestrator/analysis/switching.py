@@ -9,12 +9,17 @@ from dataclasses import dataclass
 from typing import Literal
 
 from nrs_cosim.bus.topologies import TopologySchedule
-from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra, Spectrum, conditions
+from nrs_cosim.estimator_agents.algorithm import Algorithm, Spectra, Spectrum
 from nrs_cosim.estimator_agents.condition import Condition
 from nrs_cosim.estimator_agents.theory.aperiodic import ConvergenceStatus, Periods, RadiusBounds
 from nrs_cosim.estimator_agents.theory.network import NetworkSummary, network_of
 from nrs_cosim.estimator_agents.theory.switching import any_order, contracts_in_any_order
-from nrs_cosim.orchestrator.analysis.convergence import for_any_periods, recursions_of, rho_alone
+from nrs_cosim.orchestrator.analysis.convergence import (
+    conditions_for,
+    for_any_periods,
+    recursions_of,
+    rho_alone,
+)
 from nrs_cosim.orchestrator.analysis.link_recursions import joint_radius_over
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
@@ -27,6 +32,7 @@ class DigraphAnalysis:
     """What travels over it."""
     network: NetworkSummary
     spectrum: Spectrum
+    """Of D; its `PartialSpectrum` where not all eigenvalues are known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,9 +76,8 @@ def phases_of(
                 DigraphAnalysis("velocities", both[1], own[1]),
             ]
         rho = rho_alone(algorithm, own, periods)
-        phases.append(
-            Phase(since, tuple(digraphs), rho, tuple(conditions(algorithm, own, periods.longest)))
-        )
+        of_own = tuple(conditions_for(algorithm, own, periods.longest))
+        phases.append(Phase(since, tuple(digraphs), rho, of_own))
     return tuple(phases)
 
 

@@ -19,8 +19,9 @@ _PERIOD = "sampling period"
 def link_rows(links: "LinkAnalysis") -> dict[str, str]:
     """Return lines of what links do, and of what they might."""
     rows = {}
-    if links.margin and (links.margin.kind == "any" or links.margin.periods is not None):
-        rows["delays"] = _margin(links.margin)
+    margin = links.margin
+    if margin and (margin.kind == "any" or margin.periods or margin.refuted):
+        rows["delays"] = _margin(margin)
     if links.loss:
         rows["loss"] = _losses(links.loss)
     if links.simulated:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from nrs_cosim.bus.plurals import count_of, numbered
 from nrs_cosim.bus.text import shortened
+from nrs_cosim.estimator_agents.theory.outermost import known_of, within_of
 from nrs_cosim.orchestrator.cli.links_text import (
     CONVERGE,
     link_rows,
@@ -94,14 +95,12 @@ def _networks(checked: "Check") -> dict[str, str]:
         return {
             "network": _ways(checked.network),
             "components": _components(checked.network),
-            "spectrum": f"{_spectrum(digraph.spectrum, checked.whole_spectrum)} "
-            f"(of D, the normalised adjacency)",
+            "spectrum": f"{_spectrum(digraph.spectrum)} (of D, the normalised adjacency)",
         }
     rows = {}
     for phase in checked.phases[:MAX_SHOWN]:
         digraphs = ". ".join(
-            f"{digraph.of}: {_ways(digraph.network)}; spectrum "
-            f"{_spectrum(digraph.spectrum, checked.whole_spectrum)}"
+            f"{digraph.of}: {_ways(digraph.network)}; spectrum {_spectrum(digraph.spectrum)}"
             for digraph in phase.digraphs
         )
         alone = f"; alone it has {_alone(phase.rho)}{_of(checked)}"
@@ -148,13 +147,14 @@ def _convergence(checked: "Check") -> str:
         below = rho.radius < 1
         status = CONVERGE if below else "the estimates diverge"
         return f"spectral radius {multiple(rho.radius)} {'<' if below else '>='} 1: {status}"
+    drawn = bool(checked.periods.early)
     status = {
-        "proven": f"{CONVERGE} under every jitter",
-        "refuted": "under some jitter the estimates diverge",
-        "not decided": "it is not decided whether the estimates converge under every jitter",
+        "proven": CONVERGE + " under every jitter" * drawn,
+        "refuted": "under some jitter " * drawn + "the estimates diverge",
+        "not decided": checked.undecided,
     }[rho.status]
     bounds = f"{multiple(rho.lower)} to {multiple(rho.upper)}"
-    return f"joint spectral radius {bounds}: {status}"
+    return f"{'joint ' * drawn}spectral radius {bounds}: {status}"
 
 
 def _rate(checked: "Check") -> str:
@@ -203,14 +203,18 @@ def _robots(robots: Sequence[int]) -> str:
     return numbered("robot", robots, 8)
 
 
-def _spectrum(found: "Spectrum", whole: bool) -> str:
+def _spectrum(spectrum: "Spectrum") -> str:
+    found, within = known_of(spectrum), within_of(spectrum)
+    others = "" if within is None else f"; the others are within {within:.6g} of 0"
+    if not len(found):
+        return f"no eigenvalue known{others}"
     if len(found) <= 24:
-        return ", ".join(_complex(s) for s in sorted(found.tolist(), key=_parts_of))
+        return ", ".join(_complex(s) for s in sorted(found.tolist(), key=_parts_of)) + others
     imaginary = float(abs(found.imag).max())
     parts = f"imaginary parts up to {imaginary:.6g}" if imaginary else "all real"
     return (
-        f"{len(found)} {'' if whole else 'outermost '}eigenvalues, {found.real.min():.6g} to "
-        f"{found.real.max():.6g}, {parts}"
+        f"{len(found)} {'known ' * bool(others)}eigenvalues, {found.real.min():.6g} to "
+        f"{found.real.max():.6g}, {parts}{others}"
     )
 
 

@@ -21,7 +21,6 @@ from nrs_cosim.estimator_agents.impulsive import Impulsive
 from nrs_cosim.estimator_agents.pd_like import PdLike
 from nrs_cosim.estimator_agents.sliding import Sliding
 from nrs_cosim.estimator_agents.target import Harmonic
-from nrs_cosim.estimator_agents.theory import spectrum
 from nrs_cosim.estimator_agents.theory.estimates import (
     paper_bound,
     steady_motion,
@@ -444,22 +443,6 @@ def test_a_large_ring_has_the_spectrum_of_its_dense_matrix(n, both):
     exact = [D.trace(), (D @ D).trace(), (D @ D @ D).trace()]
     np.testing.assert_allclose(traces, exact, atol=1e-8 * n)
     assert small.max() < np.abs(ours).max()
-
-
-def test_the_outermost_eigenvalues_of_a_large_random_digraph_are_found(monkeypatch):
-    rng, n = np.random.default_rng(5), 150
-    adjacency = rng.random((n, n)) * (rng.random((n, n)) < 0.04)
-    np.fill_diagonal(adjacency, 0)
-    adjacency[np.arange(n), np.roll(np.arange(n), 1)] = 1.0
-    topology = Topology.of(adjacency, np.eye(n)[0])
-    dense = spectrum_of(topology)
-    monkeypatch.setattr(spectrum, "DENSE", 20)
-    found = spectrum_of(topology)
-    assert len(dense) == n > len(found)
-    for end in (dense.real.max(), dense.real.min()):
-        assert np.abs(found.real - end).min() < 1e-9
-    assert found.imag.max() == pytest.approx(dense.imag.max(), abs=1e-9)
-    assert np.abs(found[:, None] - dense).min(axis=1).max() < 1e-8
 
 
 def test_a_ring_of_10000_robots_takes_10_seconds_and_1_gigabyte():
