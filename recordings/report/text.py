@@ -8,7 +8,7 @@ import numpy as np
 
 from nrs_cosim.bus.plurals import count_of, numbered
 from nrs_cosim.recordings.measurement import saturation_in_words
-from nrs_cosim.recordings.metadata import LINKS, MEASURED, SAMPLES
+from nrs_cosim.recordings.metadata import LINKS, MEASURED, SAMPLES, SPENT
 from nrs_cosim.recordings.report.data import MOST_DRAWN, Story
 
 _MEASURED = {
@@ -99,7 +99,7 @@ def counted(story: Story) -> dict[str, str]:
         for kind, count in sorted(story.counts.items())
     }
     return counts | {
-        name: said
+        f"{name} (s)" if key == SPENT else name: said
         for key, text in story.ending.items()
         if key not in {SAMPLES, MEASURED, LINKS}  # counted with the target's; said above
         for name, said in _flat(key, text)

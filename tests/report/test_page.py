@@ -172,7 +172,10 @@ def test_a_page_shows_the_runs_words_and_numbers(paper):
         name: sentences_of for name, sentences_of in run["counted"].items() if "spent" not in name
     }
     assert counted == {"samples": "2,100", "states": "9,006"}
-    assert run["counted"].keys() - counted.keys() >= {"spent, here, plants", "spent, here, bus"}
+    assert run["counted"].keys() - counted.keys() >= {
+        "spent, here, plants (s)",
+        "spent, here, bus (s)",
+    }
     assert [v["name"] for v in run["conditions"]] == [
         *("alpha", "beta", "kp", "kd", "kp (tracking)", "kd (tracking)"),
     ]
