@@ -30,6 +30,7 @@ from nrs_cosim.orchestrator.analysis.link_designs import (
     expect_sound,
     factor_at,
     first_failing_period,
+    radius_name,
     why_not_designed,
 )
 from nrs_cosim.orchestrator.analysis.plant_bounds import Find
@@ -97,13 +98,14 @@ def fastest(experiment: Experiment) -> ScenarioDesign:
     best = [float(f"{value:.{DIGITS}g}") for value in best]
     rho = radius(best)
     gains = dict(zip(names, best, strict=True))
+    name = radius_name(experiment)
     how = f"the least there is ({source})" if closed else "the least that a search finds"
     return ScenarioDesign(
         "fastest",
         {**gains, "spectral_radius": rho, "before": before, "source": source if closed else ""},
         {
             "fastest": ", ".join(f"{name} = {value:g}" for name, value in gains.items())
-            + f": spectral radius {rho:.6g}, {how}; {before:.6g} before"
+            + f": {name} {rho:.6g}, {how}; {before:.6g} before"
         },
         {f"algorithm.{name}": value for name, value in gains.items()},
     )

@@ -16,6 +16,7 @@ from nrs_cosim.orchestrator.analysis.convergence import (
     rho_alone,
     spectra_of,
 )
+from nrs_cosim.orchestrator.analysis.link_faults import link_faults_of
 from nrs_cosim.orchestrator.analysis.link_recursions import factor_over_links
 from nrs_cosim.orchestrator.analysis.links import link_analysis
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -31,6 +32,12 @@ def factor_at(experiment: Experiment, spectra: Spectra, h: float) -> float:
         return rho_alone(experiment.algorithm, spectra, periods).radius
     found = factor_over_links(experiment, spectra[0], periods)
     return found.upper if found else nan
+
+
+def radius_name(experiment: Experiment) -> str:
+    """Return what the factor is called: a radius of mean squares where samples are lost."""
+    lossy = experiment.impaired and link_faults_of(experiment).loss.any()
+    return "mean-square radius" if lossy else "spectral radius"
 
 
 def first_failing_period(

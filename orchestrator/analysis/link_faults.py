@@ -45,6 +45,11 @@ class LinkFaults:
         return not (self.loss == 1).any()
 
     @property
+    def arrive_in_time(self) -> bool:
+        """Whether all samples do, but for outages that end."""
+        return not (self.loss.any() or self.most.any())
+
+    @property
     def fixed(self) -> bool:
         """Whether each link is late by the same time at all ticks."""
         return bool((self.least == self.most).all())

@@ -123,7 +123,10 @@ def radius_over(experiment: Experiment) -> RadiusBounds:
     topologies, periods = experiment.topologies, periods_of(experiment)
     spectra = spectra_of(topologies)
     if experiment.impaired:
-        return factor_over_links(experiment, spectra[-1][0], periods) or UNKNOWN
+        found = factor_over_links(experiment, spectra[-1][0], periods)
+        faults = link_faults_of(experiment)
+        if found or why_unknown_over(experiment, faults) or not faults.arrive_in_time:
+            return found or UNKNOWN
     return rho_of(nominal_of(experiment.algorithm), topologies, spectra, periods)
 
 

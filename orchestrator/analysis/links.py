@@ -144,6 +144,8 @@ def link_analysis(
     found = LinkAnalysis("unknown", delays=delays, margin=margin)
     if why := why_unknown_over(experiment, faults):
         return replace(found, why=why)
+    if step is None and faults.arrive_in_time and rho.status != "not decided":
+        return replace(found, status=_STATUS[rho.status], source="statement R1", radius=rho)
     proof = _proven(experiment, faults, spectrum, periods) if faults.some_arrive else ""
     if not faults.loss.any():
         found = _of_delays(experiment, faults, step, found, proof, spectrum)

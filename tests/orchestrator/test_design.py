@@ -12,6 +12,7 @@ from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
 from nrs_cosim.orchestrator.analysis import accuracy
 from nrs_cosim.orchestrator.analysis.accuracy import designed
 from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
+from nrs_cosim.orchestrator.analysis.link_designs import radius_name
 from nrs_cosim.orchestrator.analysis.plant_bounds import plant_bounds
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import experiment_of, measure
@@ -150,6 +151,13 @@ def test_over_late_links_the_period_and_the_gains_are_those_that_converge_there(
     radius = nrs_cosim.check(fastest.scenario).as_json()["links"]["radius"]["upper"]
     assert radius == pytest.approx(fastest.values["spectral_radius"], abs=1e-9)
     assert radius < 0.857 < fastest.values["before"]  # of sound links the best gains come to 0.917
+
+
+@pytest.mark.parametrize(
+    ("fault", "name"), [({"delay": 1}, "spectral radius"), ({"loss": 0.1}, "mean-square radius")]
+)
+def test_what_is_least_over_links_has_its_name(fault, name):
+    assert radius_name(paper({"faults.links": [fault]})) == name
 
 
 def comments_of(text):

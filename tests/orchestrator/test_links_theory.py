@@ -9,6 +9,7 @@ import pytest
 from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
 from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import check
+from nrs_cosim.orchestrator.analysis.link_recursions import radius_over
 from nrs_cosim.orchestrator.analysis.mean_squares import root_mean_squares
 from nrs_cosim.orchestrator.cli.theory_text import convergence_rows
 from nrs_cosim.orchestrator.engine.run import run
@@ -25,6 +26,7 @@ SLOW = {"run.sampling_period": 0.4, "run.output_step": 0.4, "run.duration": 20.0
 TWO = {"network": {"adjacency": [[0, 1], [1, 0]], "pinning": [1, 0]}}
 DRAWN = {"faults.links": [{"delay": {"uniform": [0, 1]}}]}
 LATER = {"faults.links": [{"delay": {"uniform": [1, 2]}}]}
+NOISY = {"faults.links": [{"noise": 0.1}, {"from": 2, "outages": [[3, 5]]}]}
 HALF = {"faults.links": [{"loss": 0.5}]}
 TRIGGERED = {
     "algorithm": {"name": "event_triggered", "alpha": 0.9, "beta": 0.9, "c0": 0.1, "d0": 0.1}
@@ -60,6 +62,7 @@ APART = {"network": separate(PAPER, PATH)}
         ),
         ([SECOND_ORDER, SLOW, LATER, {"algorithm.alpha": 3.0}], "diverges", "statement L4"),
         ([SECOND_ORDER, {"faults.links": [{"outages": [[3, 5]]}]}], "converges", "statement D1"),
+        ([SECOND_ORDER, {"run.sampling_jitter": 0.2}, NOISY], "converges", "statement R1"),
         ([SECOND_ORDER, TURNS, LATE], "converges", "statement D5"),
         ([SECOND_ORDER, TURNS, SLOW, {"algorithm.alpha": 4.5}, LATE], "diverges", "statement D5"),
         ([APART, LATE, DROP], "converges", "statement D5"),
@@ -80,6 +83,10 @@ def test_what_links_do_to_convergence_is_known_by_a_statement(changes, status, s
     rows = convergence_rows(checked)
     assert source in rows["rho"]
     assert ("rate" in rows) == (checked.links.radius.upper < 1)
+    if "uniform" not in str(changes):  # maps and boundaries have that of drawn delays as unknown
+        known = checked.links.radius
+        found = radius_over(paper(*changes))
+        assert (found.lower, found.upper) == pytest.approx((known.lower, known.upper), rel=1e-9)
     found = json.loads(json.dumps(checked.as_json()["links"], allow_nan=False))
     assert (found["loss"] is not None) == ("loss" in str(changes) and "uniform" not in str(changes))
 
