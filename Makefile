@@ -72,8 +72,8 @@ soak: .venv/.tested  ## ten million messages over workers that are killed; a tho
 	$(BIN)/python -m benchmarks.soak
 	$(BIN)/python -m tests.designs
 
-release: .venv/.tested  ## build wheel and sdist into dist, and use them in a clean environment of each Python here
-	$(BIN)/python -m tests.release $(ARGS)
+release: .venv/.tested  ## build wheel and sdist into dist, and use them in a clean environment of each Python on PATH, or of PYTHONS
+	$(BIN)/python -m tests.release $(PYTHONS)
 
 urdfs: .venv/.tested  ## build the robots of packages of URDFs, beside Pinocchio: docs/robots.md, in ten minutes
 	$(BIN)/pip download --quiet --disable-pip-version-check --no-deps --dest $(DATA)/urdfs example-robot-data==6.0.0 icub-models==3.2.0 airo-models==0.0.12

@@ -2,7 +2,9 @@
 
 `python -m tests.release [PYTHON…]` builds the sdist and a wheel of it into dist/, installs that
 wheel with all extras under each interpreter, and uses it away from the tree: the same digest and an
-identical replay everywhere, tables, a report, a robot from its URDF. Ends with 1 where one fails.
+identical replay everywhere, tables, a report, a robot from its URDF. Without names of interpreters
+those of `PATH` are tried. Which versions were not, and why, is said. Ends with 1 where one fails,
+where digests differ, and where none was tried.
 """
 
 import json
@@ -19,7 +21,7 @@ from hatchling.builders.sdist import SdistBuilder
 from hatchling.builders.wheel import WheelBuilder
 
 ROOT = Path(__file__).parents[1]
-PYTHONS = ("python3.11", "python3.12", "python3.13", "python3.14")
+OLDEST, NEWEST = (3, 11), (3, 14)
 URDF = (
     '<robot name="pendulum"><link name="base"/><link name="arm"><inertial><mass value="1"/>'
     '<origin xyz="0 0 -0.5"/><inertia ixx="0.1" iyy="0.1" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
@@ -69,24 +71,56 @@ def tried(python: str, wheel: Path, folder: Path) -> str:
     return str(json.loads(said(at / "nrs", "info", "run.mcap", "--json"))["digest"])
 
 
-def starts(python: str) -> bool:
-    """Whether there is such an interpreter: a shim of one that is not chosen does not start."""
-    return bool(shutil.which(python)) and not subprocess.run(
-        [python, "--version"], check=False, capture_output=True
-    ).returncode  # fmt: skip
+def version_of(python: str) -> tuple[int, ...]:
+    """Return an interpreter's version; () of what does not start, as a shim of one not chosen."""
+    if not shutil.which(python):
+        return ()
+    done = subprocess.run(
+        [python, "-c", "import sys; print(' '.join(map(str, sys.version_info[:3])))"],
+        check=False, capture_output=True, text=True,
+    )  # fmt: skip
+    return tuple(map(int, done.stdout.split())) if done.returncode == 0 else ()
+
+
+def chosen(given: Sequence[str]) -> tuple[dict[str, str], list[str]]:
+    """Return interpreters with their versions, one of each minor version, and what is left out."""
+    minors = range(OLDEST[1], NEWEST[1] + 1)
+    found: dict[str, str] = {}
+    left, seen = [], set[tuple[int, ...]]()
+    for python in given or [f"python3.{minor}" for minor in minors]:
+        version = version_of(python)
+        shown = ".".join(map(str, version))
+        if not version:
+            left += [f"{python}: skipped, it does not start"] * bool(given)
+        elif version < OLDEST:
+            left.append(f"{python}: skipped, {shown} is older than 3.{OLDEST[1]}")
+        elif version[:2] in seen:
+            left.append(f"{python}: skipped, {shown} is one more of the same minor version")
+        else:
+            found[python] = shown
+            seen.add(version[:2])
+    where = "among those given" if given else "on PATH; make release PYTHONS=… names others"
+    missing = [f"Python 3.{minor}: not tried, none {where}" for minor in minors]
+    return found, left + [
+        line for m, line in zip(minors, missing, strict=True) if (3, m) not in seen
+    ]
 
 
 def main(arguments: Sequence[str]) -> int:
     """Build, try, and print a row for each interpreter."""
-    pythons = list(arguments) or [name for name in PYTHONS if starts(name)]
+    pythons, left = chosen(arguments)
     sdist, wheel = built(ROOT / "dist")
     print(f"{sdist}\n{wheel}")
-    digests = set()
-    for python in pythons:
+    print(*left, sep="\n", flush=True)
+    digests = set[str]()
+    for python, version in pythons.items():
         with tempfile.TemporaryDirectory() as folder:
             digest = tried(python, wheel, Path(folder))
         digests.add(digest)
-        print(f"{python}: installed with [all], ran, replayed, exported, reported: {digest}")
+        said = "installed with [all], ran, replayed, exported, reported"
+        print(f"{python}: Python {version}: {said}: {digest}", flush=True)
+    same = "the same digest" if len(digests) == 1 else f"{len(digests)} digests"
+    print(f"versions of Python tried: {len(pythons)}; {same}")
     return int(len(digests) != 1)
 
 

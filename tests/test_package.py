@@ -10,7 +10,7 @@ import pytest
 
 import nrs_cosim
 from docs.licences import rows
-from tests.release import built
+from tests.release import built, chosen
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("bus", "estimator_agents", "orchestrator", "plant_fmu", "recordings")
@@ -90,3 +90,19 @@ def test_every_dependency_has_a_licence_that_a_person_has_looked_at_and_stands_o
     assert {"casadi", "eclipse-zenoh", "fmpy", "numpy"} <= {name for name, *_ in installed}
     for name, text, core in installed:
         assert f"| {name} | {text} | {'yes' if core else ''} |\n" in page
+
+
+def test_a_release_says_which_pythons_it_leaves_out_and_why(tmp_path):
+    for name, does in {"old": "echo 3 9 18", "broken": "exit 127", "new": "echo 3 13 0"}.items():
+        (tmp_path / name).write_text(f"#!/bin/sh\n{does}\n", "utf-8")
+        (tmp_path / name).chmod(0o755)
+    old, broken, new, gone = (str(tmp_path / n) for n in ("old", "broken", "new", "gone"))
+    found, left = chosen([old, broken, new, new, gone])
+    assert found == {new: "3.13.0"}
+    assert left == [
+        f"{old}: skipped, 3.9.18 is older than 3.11",
+        f"{broken}: skipped, it does not start",
+        f"{new}: skipped, 3.13.0 is one more of the same minor version",
+        f"{gone}: skipped, it does not start",
+        *(f"Python 3.{m}: not tried, none among those given" for m in (11, 12, 14)),
+    ]
