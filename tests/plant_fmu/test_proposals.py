@@ -91,6 +91,33 @@ def test_quantities_of_the_same_joints_are_proposed_in_the_same_order(tmp_path, 
     assert [tomllib.loads(line)["variables"] for line in lines] == wanted
 
 
+LIMBS = [{"q": ["left.q", "right.q"], "qd": ["left.dq", "right.dq"], "tau": ["left.u", "right.u"]}]
+ARRAYS: dict[str, tuple[str, Any]] = {
+    "an array a limb": ("left.q 3 right.q 3 right.dq 3 left.dq 3 ; right.u 3 left.u 3", LIMBS),
+    "limbs of two sizes": ("left.q 3 right.q 2 right.dq 2 left.dq 3 ; right.u 2 left.u 3", LIMBS),
+    "an array for all inputs": (
+        "shoulder.phi 1 elbow.phi 1 elbow.w 1 shoulder.w 1 ; u 2",
+        [{"q": [f"{j}.phi" for j in joints], "qd": [f"{j}.w" for j in joints], "tau": "u"}
+         for joints in (JOINTS, JOINTS[::-1])],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ARRAYS)
+def test_arrays_are_matched_by_joint_and_by_size(tmp_path, case):
+    declared, wanted = ARRAYS[case]
+    outputs, inputs = (part.split() for part in declared.split(";"))
+    text = "".join(
+        f'<Float64 name="{name}" valueReference="{i}" causality="{causality}">'
+        f'<Dimension start="{size}"/></Float64>'
+        for causality, some, first in (("output", outputs, 1), ("input", inputs, 50))
+        for i, (name, size) in enumerate(zip(some[::2], some[1::2], strict=True), first)
+    )
+    archive = open_archive(with_variables(tmp_path / "a.fmu", 3, text))
+    lines = [as_line(guess.names) for guess in proposals(archive, {})[0]]
+    assert [tomllib.loads(line)["variables"] for line in lines] == wanted
+
+
 Called = dict[str, tuple[str, ...]]
 STATE: Called = {"q": ("shoulder_angle", "elbow_angle"), "qd": ("shoulder_speed", "elbow_speed")}
 TORQUE: Called = {"tau": ("shoulder_torque", "elbow_torque")}
