@@ -17,8 +17,11 @@ from nrs_cosim.plant_fmu.fmi.library import Bound
 
 MAKERS = frozenset({"instantiate", "set_typed"})
 """Calls that take no handle: the one makes handles, the other calls."""
-SIZE = 72
-_COUNT, _WHO, _ACT, _ENDED = slice(0, 8), slice(8, 40), slice(40, 64), slice(64, SIZE)
+SIZE = 80
+_COUNT, _WHO, _ACT = slice(0, 8), slice(8, 40), slice(40, 64)
+_START, _ENDED = slice(64, 72), slice(72, SIZE)
+STEP = "step"
+"""What a call that steps an FMU is announced as."""
 
 
 class Announced(NamedTuple):
@@ -32,6 +35,8 @@ class Announced(NamedTuple):
     """What it is asked to do; empty between calls."""
     ended: bool
     """Whether the process ended in it."""
+    start: float = 0.0
+    """s: of the last step that the thread announced, where it begins."""
 
 
 class Progress:
@@ -43,7 +48,7 @@ class Progress:
     def __init__(self, memory: memoryview) -> None:
         self._threads = [memory[at : at + SIZE] for at in range(0, len(memory), SIZE)]
         self._memory = self._threads[0]
-        self._count = self._memory[_COUNT].cast("Q")
+        self._count, self._start = self._memory[_COUNT].cast("Q"), self._memory[_START].cast("d")
 
     @property
     def addresses(self) -> list[int]:
@@ -59,6 +64,7 @@ class Progress:
                 _text(memory[_WHO]),
                 _text(memory[_ACT]),
                 any(memory[_ENDED]),
+                memory[_START].cast("d")[0],
             )
             for memory in self._threads
         ]
@@ -94,10 +100,12 @@ class Progress:
         return cast(Bound, replace(of, **announced))
 
     def _announcing(self, call: Call, act: str, whos: Mapping[int, bytes]) -> Call:
-        memory, number = self._memory, self._count
-        what = _field(act.replace("_", " "), _ACT)
+        memory, number, start = self._memory, self._count, self._start
+        what, steps = _field(act.replace("_", " "), _ACT), act == STEP
 
         def announced(handle: int, *arguments: Any) -> int:
+            if steps:
+                start[0] = arguments[0]
             memory[_WHO], memory[_ACT] = whos[handle], what
             number[0] += 1
             return call(handle, *arguments)

@@ -17,7 +17,7 @@ from nrs_cosim.bus.errors import Cause
 from nrs_cosim.bus.plurals import numbered
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.errors import FmuError, StepError, before_run
-from nrs_cosim.plant_fmu.isolation.progress import Announced, Progress
+from nrs_cosim.plant_fmu.isolation.progress import STEP, Announced, Progress
 from nrs_cosim.plant_fmu.isolation.sharing import BAD_FMU, DONE, HEAD, ROBOT, send
 from nrs_cosim.plant_fmu.plants import called
 from nrs_cosim.plant_fmu.processes import (
@@ -31,8 +31,8 @@ from nrs_cosim.plant_fmu.processes import (
 STARTING = 60.0
 """s: the deadline before the FMU's first call: Python starts, and the archive is unpacked."""
 
-_STEP, _TRIAL = "step", "its stability or the error of a held torque was measured"
-"""What a call that advances an FMU is announced as: before there is a time it is of a trial."""
+_TRIAL = "its stability or the error of a held torque was measured"
+"""What a step is of that is made before there is a time."""
 
 
 class StuckError(Exception):
@@ -197,8 +197,10 @@ class FmuProcess:
         cause = f"{what} {ended}{act}{last_words(self._printed)}"
         if seconds is None:
             needs = self._needs if self._has_called else ""
-            trial = before_run(_TRIAL) if any(call.act == _STEP for call in calls) else ""
+            trial = before_run(_TRIAL) if any(call.act == STEP for call in calls) else ""
             return FmuError(f"{self._label}: {who}: {cause}{needs}{trial}")
+        # Of the steps within what was asked for, the one that did it.
+        seconds = min((call.start for call in calls if call.act == STEP), default=seconds)
         only = self._robots[0] if len(self._robots) == 1 else None
         text = f"{who} ({self._label}) at t = {seconds:g} s: {cause}"
         return StepError(text, _cause(only, seconds))

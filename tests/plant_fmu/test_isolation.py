@@ -214,6 +214,15 @@ def test_a_fault_in_a_trial_says_that_it_was_before_the_run(run_here, place, lif
     assert not (place / "run.mcap").exists()
 
 
+@pytest.mark.parametrize(
+    "cause", ["the FMU crashed with SIGSEGV, in step", "a step of 0.005 s ended with Discard"]
+)
+def test_the_time_of_a_fault_is_that_of_the_step_within_the_tick(run_here, cause):
+    fault = "segfault" if "SIGSEGV" in cause else "discard"
+    errors = run_here(three_robots(fault, at=0.5575, control="hold")).stderr
+    assert f"robot 2 (faulty.fmu) at t = 0.555 s: {cause}" in errors
+
+
 def test_a_library_that_crashes_on_loading_is_bad_input(run_here, place, life, monkeypatch):
     monkeypatch.setenv("FAULTY_LOAD", "crash")
     done = run_here(three_robots())

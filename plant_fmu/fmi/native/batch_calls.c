@@ -41,6 +41,7 @@ enum { WHO = 32, ACT = 24 };
 typedef struct {
     uint64_t count;
     char who[WHO], act[ACT];
+    double start; /* of the last step, s */
     uint64_t ended;
 } Progress;
 
@@ -178,6 +179,8 @@ static int step(const Calls *calls, const Instances *all, size_t row, double sta
 {
     bool event = false, ended = false, early = false;
     double reached = start;
+    if (all->progress)
+        all->progress->start = start;
     announce(all, row, STEP);
     if (calls->fmi == 2)
         return (int)((fmi2DoStepTYPE *)calls->step)(all->instances[row], start, length, fmi2True);
