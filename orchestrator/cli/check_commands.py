@@ -73,6 +73,7 @@ def check(
     from nrs_cosim.orchestrator.cli import summary_text
     from nrs_cosim.orchestrator.cli.progress import stages
     from nrs_cosim.orchestrator.cli.theory_text import unmet as unmet_of
+    from nrs_cosim.orchestrator.engine.joint_limits import beyond_limits
     from nrs_cosim.orchestrator.engine.plants import (
         group_by_archive,
         naming_field,
@@ -90,8 +91,8 @@ def check(
                 experiment = with_compiled_fmus(experiment)
             groups = group_by_archive(experiment)
             open_fleet(stack, groups, experiment.bodies())
-            if mixed := mixed_units(experiment):
-                say("yellow", "warning", mixed)
+            for warning in filter(None, [mixed_units(experiment), *beyond_limits(experiment)]):
+                say("yellow", "warning", warning)
         find = Sampling(experiment)
         begin("whether the estimates converge")
         checked = theory_of(experiment, find)

@@ -64,6 +64,7 @@ def run(
     from nrs_cosim.orchestrator.analysis.stiffness import mobility_at_start, stiffness
     from nrs_cosim.orchestrator.cli.terminal_run import pace_of
     from nrs_cosim.orchestrator.engine.attachments import with_fmus
+    from nrs_cosim.orchestrator.engine.joint_limits import beyond_limits
     from nrs_cosim.orchestrator.engine.plants import naming_field, with_compiled_fmus
     from nrs_cosim.orchestrator.engine.units import mixed_units
     from nrs_cosim.orchestrator.scenario.file import read_scenario, scenario_name
@@ -80,8 +81,8 @@ def run(
     with naming_field(scenario_name(scenario)):
         if embed_fmus:
             experiment = with_fmus(experiment)
-        if mixed := mixed_units(experiment):
-            say("yellow", "warning", mixed)
+        for warning in filter(None, [mixed_units(experiment), *beyond_limits(experiment)]):
+            say("yellow", "warning", warning)
     start = partial(_performing(experiment, options, ends), pace=pace)
     with naming_field(scenario_name(scenario)):
         if foxglove:

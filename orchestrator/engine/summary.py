@@ -16,7 +16,7 @@ from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.file import parse_scenario
 from nrs_cosim.orchestrator.scenario.robot_ids import with_parameters
 from nrs_cosim.orchestrator.scenario.tables.targets import FmuMotion
-from nrs_cosim.plant_fmu.effort_limits import effort_limits
+from nrs_cosim.plant_fmu.urdf_limits import effort_limits
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.container import END
 from nrs_cosim.recordings.mcap.reader import Reader

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from nrs_cosim.plant_fmu.archives.archive import Archive
-from nrs_cosim.plant_fmu.effort_limits import effort_limits
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.plants import Body
+from nrs_cosim.plant_fmu.urdf_limits import effort_limits
 
 
 def within_efforts(archive: Archive, bodies: Sequence[Body]) -> Sequence[Body]:

@@ -15,9 +15,9 @@ from nrs_cosim.plant_fmu.archives.archive import open_archive
 from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.drives.opening import open_plants
-from nrs_cosim.plant_fmu.effort_limits import effort_limits
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.plants import Body, Control, Disturbance
+from nrs_cosim.plant_fmu.urdf_limits import effort_limits
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.report.text import lead, saturated
 from tests.command import nrs

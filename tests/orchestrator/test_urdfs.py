@@ -9,6 +9,7 @@ from zipfile import ZipFile
 import pytest
 
 from nrs_cosim.orchestrator.cluster.protocol import PlantDescription, Ready
+from nrs_cosim.orchestrator.engine.joint_limits import beyond_limits
 from nrs_cosim.orchestrator.engine.robots import Robots
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.plant_fmu.bundled.builder import build
@@ -150,3 +151,37 @@ def test_records_of_urdfs_that_are_none_are_refused(folder, tmp_path, records, w
     with pytest.raises(UnreadableError) as error:
         Reader(again(folder / "run.mcap", tmp_path / "new.mcap", **changed))
     assert wrong in str(error.value)
+
+
+def limited(joint, kind, *limits):
+    ends = " ".join(f'{name}="{at}"' for name, at in zip(("lower", "upper"), limits, strict=False))
+    return f'<joint name="{joint}" type="{kind}"><limit {ends}/></joint>'
+
+
+@pytest.mark.parametrize(
+    ("shoulder", "elbow", "said"),
+    [
+        # 2 t + sin t comes to 0.4 + sin 0.2, and −2 t − cos t from −1 to −0.4 − cos 0.2.
+        (("revolute", -0.5, 0.55), ("revolute", -2, 1), ["the target comes", "shoulder", "0.5987"]),
+        (("revolute", -1, 1), ("prismatic", -1.2, 1), ["the target comes", "elbow", "-1.38"]),
+        (("revolute", 0.1, 1), ("revolute", -2, 1), ["a start of robot 4 comes", "shoulder", "0)"]),
+        (("continuous", -0.1, 0.1), ("revolute", 0, 0), []),
+        (("revolute",), ("fixed", -0.1, 0.1), []),
+    ],
+)
+def test_what_is_beyond_a_joints_limits_is_told(tmp_path, shoulder, elbow, said):
+    joints = limited("shoulder", *shoulder) + limited("elbow", *elbow)
+    own_fmu(tmp_path / "own.fmu", f'<robot name="r">{joints}</robot>')
+    found = beyond_limits(paper(CHANGES, folder=tmp_path))
+    assert any(all(word in line for word in said) for line in found) == bool(said)
+
+
+def test_limits_are_told_of_before_a_run_and_by_check(tmp_path):
+    limits = '<limit lower="-0.1" upper="0.1" effort="1" velocity="1"/>'
+    urdf = ELBOWED.replace("continuous", "revolute").replace("<axis", f"{limits}<axis")
+    own_fmu(tmp_path / "own.fmu", urdf)
+    scenario = write(tmp_path / "run.toml", CHANGES)
+    for command in (["check", scenario], ["run", scenario, "-o", tmp_path / "run.mcap"]):
+        done = nrs(*command)
+        assert done.returncode == 0, done.stderr
+        assert "warning: the target comes beyond the limits of robot 4's joints" in done.stderr
