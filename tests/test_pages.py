@@ -51,7 +51,7 @@ def test_the_site_is_built_without_a_warning_and_without_a_network(tmp_path):
 
 def test_the_messages_that_are_explained_are_those_of_the_code():
     text = (ROOT / "docs/troubleshooting.md").read_text("utf-8")
-    explained = re.findall(r"^\| `([^`]+)` \|", text, re.MULTILINE)
+    explained = re.findall(r"^- `([^`]+)`:", text, re.MULTILINE)
     folders = ("bus", "estimator_agents", "orchestrator", "plant_fmu", "recordings")
     code = "".join(
         path.read_text("utf-8") for folder in folders for path in (ROOT / folder).rglob("*.py")

@@ -48,7 +48,7 @@ def test_what_is_said_of_200_random_digraphs_holds_of_their_dense_matrices(monke
     monkeypatch.setattr(spectrum, "DENSE", 10)
     monkeypatch.setattr(outermost, "RESTARTS", restarts)
     exact = partial = 0
-    for seed in range(cases(200, 15)):
+    for seed in range(cases(200, 8)):
         topology = random_digraph(seed)
         dense = np.linalg.eigvals(as_array(topology.D))
         found = spectrum_of(topology)
