@@ -31,17 +31,26 @@ COMMAND, SCRIPT = "nrs run", "script with FMPy"
 CLOSE = 1e-6
 """rad and rad/s"""
 NUMPY = "import numpy"
-_LIBRARIES = """import numpy, typer.main, rich.console, google.protobuf.descriptor_pb2
+_LIBRARIES = """import atexit, gc, os
+os.environ["PYDANTIC_DISABLE_PLUGINS"] = "__all__"
+gc.set_threshold(200_000)
+atexit.register(gc.freeze)
+import numpy, rich.console, google.protobuf.descriptor_pb2, typer
+from pathlib import Path
 from pydantic import BaseModel
 class Table(BaseModel):
     number: int
-Table(number=1)
+def command(path: Path) -> None:
+    Table(number=1)
+app = typer.Typer(pretty_exceptions_enable=False)
+app.command()(command)
 """
-"""With one table of one field, since pydantic loads most of itself for the first one."""
+"""With a command of one path and a table of one field: Typer has pydantic take what is given, and
+pydantic loads most of itself for the first table. With the settings of `nrs`."""
 STARTS: Mapping[str, str] = {
     NUMPY: "import numpy",
-    "libraries of check": f"{_LIBRARIES}import fmpy, lxml.etree",
-    "libraries of info": f"{_LIBRARIES}import mcap.records, zstandard, lz4.frame",
+    "libraries of check": f"{_LIBRARIES}import fmpy, lxml.etree\napp(['.'])",
+    "libraries of info": f"{_LIBRARIES}import mcap.records, zstandard, lz4.frame\napp(['.'])",
 }
 """What Python alone does, by what it is called."""
 
