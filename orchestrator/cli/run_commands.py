@@ -74,16 +74,18 @@ def run(
     if compiling:
         with naming_field(scenario_name(scenario)):
             experiment = with_compiled_fmus(experiment)
+    with naming_field(scenario_name(scenario)):
+        if embed_fmus:
+            experiment = with_fmus(experiment)
+    # Options are judged before anything is warned of.
+    start = partial(_performing(experiment, options, ends), pace=pace)
     for warning in warnings_of(check(experiment)):
         say("yellow", "warning", warning)
     for part in stiffness(experiment, mobility_at_start(experiment)):
         say("yellow", "warning", part.sentence())
     with naming_field(scenario_name(scenario)):
-        if embed_fmus:
-            experiment = with_fmus(experiment)
         for warning in filter(None, [mixed_units(experiment), *beyond_limits(experiment)]):
             say("yellow", "warning", warning)
-    start = partial(_performing(experiment, options, ends), pace=pace)
     with naming_field(scenario_name(scenario)):
         if foxglove:
             from nrs_cosim.orchestrator.report.foxglove import Foxglove
