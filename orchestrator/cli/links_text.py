@@ -104,7 +104,7 @@ def _losses(loss: "LossAnalysis") -> str:
     if loss.critical is None:
         critical = ""
     elif loss.critical == 0:
-        critical = "; they diverge without losses too"
+        critical = "; without losses they diverge"
     elif loss.critical == 1:
         critical = "; no loss below 1 was found at which they diverge in mean square"
     else:
