@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cases import ALL
 from tests.printed import SNAPSHOTS
 
 # What starts the tests may ignore signals, as a shell does for what it puts into the background;
@@ -19,6 +20,10 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 os.environ["NRS_PROGRESS"] = "off"  # what a command prints is of no machine's speed
+# Matrices here are small, and BLAS's threads wait for each other by turning round: a fifth of the
+# processor time of tests of the theory. xdist's processes inherit it before they load NumPy.
+if not ALL:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 SLOW = frozenset(Path(__file__).with_name("slow.txt").read_text("utf-8").split())
 

@@ -34,9 +34,9 @@ def test_any_number_of_workers_gives_one_digest(tmp_path):
         assert digest(outcome.path) == digest(tmp_path / "1.mcap")
 
 
-@pytest.mark.parametrize("name", cases(PAPER, PAPER[::2]))
+@pytest.mark.parametrize("name", cases(PAPER, PAPER[::4]))
 def test_the_papers_scenarios_give_one_digest_on_any_number_of_workers(tmp_path, name):
-    workers = cases((2, 6), (2 + 4 * (PAPER.index(name) // 2 % 2),))  # one after the other
+    workers = cases((2, 6), (2 + 4 * (PAPER.index(name) // 4 % 2),))  # one after the other
     assert_same(tmp_path, example(name, {"run.duration": 4.5}), workers)
 
 

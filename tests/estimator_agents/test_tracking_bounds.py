@@ -23,6 +23,7 @@ from nrs_cosim.estimator_agents.theory.tracking_bounds import Loop, tracking_bal
 from nrs_cosim.estimator_agents.waves import norm_supremum
 from nrs_cosim.plant_fmu.bundled.bounds import bounds_of
 from tests.bus.test_topology import PAPER
+from tests.cases import cases
 from tests.estimator_agents.test_worst_case import drawn
 from tests.plant_fmu.test_bounds import two_link
 
@@ -65,7 +66,7 @@ def ball(recursion, rho, loop):
     return tracking_ball(loop, always, lambda c: filtered(recursion, loop.gammas, always, c))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(cases(6, 3)))
 def test_linear_robots_come_no_farther_than_proven_and_to_a_third_of_it(seed):
     rng = np.random.default_rng(seed)
     ratios = []

@@ -108,10 +108,10 @@ def settings_of(tls=None, **endpoints):
 WHOLE, POOR = {}, {"delay_ms": 5, "loss_percent": 2}
 
 
-WIRES = [("tcp", WHOLE), ("tls", POOR), ("tcp", POOR), ("tls", WHOLE)]
+WIRES = [("tls", POOR), ("tcp", WHOLE), ("tcp", POOR), ("tls", WHOLE)]
 
 
-@pytest.mark.parametrize(("protocol", "quality"), cases(WIRES, WIRES[:2]))
+@pytest.mark.parametrize(("protocol", "quality"), cases(WIRES, WIRES[:1]))
 def test_messages_cross_a_wire_and_a_cut_is_noticed(protocol, quality, tmp_path):
     with two_machines(**quality) as wire:
         authority, address = Authority(tmp_path), wire.left.address

@@ -18,6 +18,7 @@ from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import experiment_of, measure
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings.mcap.reader import Reader
+from tests.cases import cases
 from tests.command import nrs
 from tests.scenarios import PAPER_FILE, SCENARIOS, paper
 
@@ -84,7 +85,7 @@ def accuracy_of_a_run(folder, model, seed):
 
 
 @pytest.mark.parametrize("model", ["planar_robot", "two_link_arm"])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", cases([1, 2], [2]))
 def test_runs_of_random_designs_keep_their_accuracy(tmp_path, model, seed):
     wanted, measured = accuracy_of_a_run(tmp_path, model, seed)
     assert 0 < measured.position_tracking <= wanted.position
