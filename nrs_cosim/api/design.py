@@ -62,7 +62,8 @@ def design(
         robots: Of `pinning`, how many.
         position: Of `accuracy`, the largest ‖q − ε_0‖₂ in steady state, rad.
         velocity: Of `accuracy`, the largest ‖q̇ − υ_0‖₂, rad/s.
-        share: Of `accuracy`, the part for the robots' own error, between 0 and 1.
+        share: Of `accuracy`, the part that a robot may be off its own estimate, above 0 and below
+            1; the rest is for the error of that estimate.
 
     Raises:
         InputError: Nothing of that kind is known of the scenario, or an argument is wrong.

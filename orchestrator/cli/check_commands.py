@@ -80,6 +80,7 @@ def check(
         open_fleet,
         with_compiled_fmus,
     )
+    from nrs_cosim.orchestrator.engine.recording_size import large_recording
     from nrs_cosim.orchestrator.engine.units import mixed_units
     from nrs_cosim.orchestrator.scenario.file import read_scenario, scenario_name
 
@@ -91,7 +92,10 @@ def check(
                 experiment = with_compiled_fmus(experiment)
             groups = group_by_archive(experiment)
             open_fleet(stack, groups, experiment.bodies())
-            for warning in filter(None, [mixed_units(experiment), *beyond_limits(experiment)]):
+            for warning in filter(
+                None,
+                [mixed_units(experiment), large_recording(experiment), *beyond_limits(experiment)],
+            ):
                 say("yellow", "warning", warning)
         find = Sampling(experiment)
         begin("whether the estimates converge")

@@ -16,7 +16,7 @@ from nrs_cosim.orchestrator.cli.options import (
     number,
     whole_number,
 )
-from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json
+from nrs_cosim.orchestrator.terminal import AsJson, err, out, print_json, say
 
 if TYPE_CHECKING:
     from nrs_cosim.orchestrator.analysis.bounds import UltimateBounds
@@ -24,10 +24,11 @@ if TYPE_CHECKING:
     from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
     from nrs_cosim.orchestrator.scenario.experiment import Experiment
 
-_GOALS = "--fastest, --period, --jitter, --pin or --accuracy"
 
-
-@OptionRules({"--share": ("--accuracy",)})
+@OptionRules(
+    {"--share": ("--accuracy",)},
+    one_of=[("--fastest",), ("--period",), ("--jitter",), ("--pin",), ("--accuracy",)],
+)
 def design(
     scenario: ScenarioPath,
     *,
@@ -62,7 +63,9 @@ def design(
         typer.Option(
             metavar="PART",
             parser=number("--share"),
-            help="Of --accuracy, the part for the robots' own error, between 0 and 1.",
+            help="Of --accuracy, the part that a robot may be off its own estimate of the target; "
+            "the rest is for that estimate's error. A fraction above 0 and below 1: the larger, "
+            "the lower the gains, and the shorter the period.",
         ),
     ] = 0.5,
     output: NewScenario = None,
@@ -75,8 +78,6 @@ def design(
         raise InputError(f"--accuracy: expected two numbers above 0, got {min(errors):g}")
     if not 0 < share < 1:
         raise InputError(f"--share: expected a number between 0 and 1, got {share:g}")
-    if sum((fastest, period, jitter, pin is not None, accuracy is not None)) != 1:
-        raise InputError(f"nrs design requires one of {_GOALS}")
     from nrs_cosim.estimator_agents.theory.estimates import EstimateBounds
     from nrs_cosim.orchestrator.analysis import designs
     from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
@@ -116,6 +117,7 @@ def _show(
     from nrs_cosim.orchestrator.cli.conclusion_text import conclusion_sentence
     from nrs_cosim.orchestrator.cli.scenario_files import changed_text, write_scenario
     from nrs_cosim.orchestrator.cli.tables import grid
+    from nrs_cosim.orchestrator.engine.recording_size import large_recording
     from nrs_cosim.orchestrator.scenario.file import resolve_scenario
 
     if output is not None and not found.changes:
@@ -123,6 +125,8 @@ def _show(
     text = changed_text(experiment, found.changes, "design")
     name = experiment.name
     changed = resolve_scenario(text, name, experiment.folder, name, experiment.assets)
+    if large := large_recording(changed):
+        say("yellow", "warning", large)
     checked = check(changed, find)
     ultimate = ultimate_bounds(changed, checked.links.radius, find)
     if output is not None:

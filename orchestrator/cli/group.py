@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
+from itertools import islice, takewhile
 from typing import Any
 
 import typer
@@ -79,6 +80,25 @@ def _with_rules(invoke: Callable[[Any], Any]) -> Callable[[Any], Any]:
     return ruled
 
 
+def _with_values(parse: Callable[[Any, list[str]], Any]) -> Callable[[Any, list[str]], Any]:
+    """Return what parses a command's arguments, where no option is taken for another's value."""
+
+    def parsed(ctx: Any, args: list[str]) -> Any:
+        options = {name: one for one in ctx.command.get_params(ctx) for name in one.opts}
+        rest = iter(args)
+        for arg in takewhile(lambda arg: arg != "--", rest):
+            one = options.get(arg)
+            if one is None or getattr(one, "is_flag", True):
+                continue
+            values = [*islice(rest, one.nargs)]
+            if not options.keys().isdisjoint(values):
+                wanted = one.metavar or "a value"
+                raise InputError(f"{arg}: expected {wanted}, got {' '.join(map(quoted, values))}")
+        return parse(ctx, args)
+
+    return parsed
+
+
 def _nothing(ctx: Any) -> None:
     """Return no type."""
 
@@ -89,7 +109,10 @@ def _prepare(command: Any) -> Any:
     for one in waiting:
         one.get_params = _without_types(one.get_params)
         one.invoke = _with_rules(one.invoke)
-        waiting += getattr(one, "commands", {}).values()
+        below = getattr(one, "commands", {}).values()
+        if not below:
+            one.parse_args = _with_values(one.parse_args)
+        waiting += below
     return command
 
 

@@ -17,11 +17,13 @@ _ATTRIBUTE = "option_rules"
 
 @dataclass(frozen=True, slots=True)
 class OptionRules:
-    """What options of a command require, and which exclude one another."""
+    """What options of a command require, which exclude one another, and of which one is needed."""
 
     requires: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """By option: others, of which one at least must be given."""
     excludes: Iterable[tuple[str, str]] = ()
+    one_of: Iterable[tuple[str, ...]] = ()
+    """Ways to use the command, of which exactly one is given; each by options that go together."""
 
     def __call__(self, command: _Command) -> _Command:
         """Return a command that has these rules."""
@@ -36,6 +38,12 @@ class OptionRules:
         for one, other in self.excludes:
             if one in given and other in given:
                 raise InputError(f"{one} and {other} exclude one another; leave one of them out")
+        ways = [*self.one_of]
+        used = [found for way in ways if (found := [name for name in way if name in given])]
+        if ways and len(used) != 1:
+            names = ", ".join(name for found in used for name in found) or "none of them"
+            known = any_of("/".join(way) for way in ways)
+            raise InputError(f"expected exactly one of {known}, got {names}")
 
 
 def required_by(owners: Iterable[str], *options: str) -> dict[str, tuple[str, ...]]:

@@ -42,20 +42,31 @@ PATIENCE, EVERY = 2.0, 10.0
 
 @contextmanager
 def status_lines(
-    console: Console, status: Callable[[], str], over: Event | None = None
+    console: Console,
+    status: Callable[[], str],
+    over: Event | None = None,
+    now: Callable[[], float] = monotonic,
 ) -> Iterator[Callable[[], None]]:
     """Print what `status` returns, if anything; yield what is called when it becomes another.
 
-    `over` is what ends it, and whose waiting is its clock.
+    What is still as it was is printed with for how long it is. `over` is what ends it, and whose
+    waiting is its clock.
     """
     if os.environ.get("NRS_PROGRESS") == "off":
         yield lambda: None
         return
     ended, speaking = over or Event(), False
+    said, since = "", 0.0
 
     def speak() -> None:
-        if text := status():
-            console.print(f"progress: {text}", markup=False)
+        nonlocal said, since
+        text, more = status(), ""
+        if text == said:
+            more = f" … {now() - since:.0f} s"
+        else:
+            said, since = text, now()
+        if text:
+            console.print(f"progress: {text}{more}", markup=False)
 
     def watch() -> None:
         nonlocal speaking

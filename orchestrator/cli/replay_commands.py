@@ -47,6 +47,7 @@ _STORED = (
         **required_by(["--plant", "--algorithm"], "-o", "--force"),
     },
     [("--speed", "--as-fast-as-possible")],
+    [("--verify",), ("--publish",), ("--foxglove",), ("--plant", "--algorithm")],
 )
 def replay(
     recording: RecordingPath,
@@ -137,12 +138,6 @@ def replay(
     from nrs_cosim.orchestrator.cli import terminal_replay
     from nrs_cosim.orchestrator.cli.progress import opened
 
-    asked = [verifying, publishing, foxglove, bool(plant or algorithm)]
-    if sum(asked) != 1:
-        raise InputError(
-            "nrs replay: give one of --verify, --publish, --foxglove, or changes by --plant and "
-            "--algorithm"
-        )
     if speed is not None and speed < SLOWEST:
         raise InputError(f"--speed: expected at least {SLOWEST:g}, got {speed:g}")
     if verifying:

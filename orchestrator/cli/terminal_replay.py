@@ -10,6 +10,7 @@ import typer
 from nrs_cosim.bus.clock import NS_PER_S
 from nrs_cosim.bus.errors import InputError, MissingExtraError
 from nrs_cosim.bus.network.endpoints import Endpoints
+from nrs_cosim.bus.plurals import count_of
 from nrs_cosim.orchestrator.cli.output_paths import expect_another
 from nrs_cosim.orchestrator.cli.progress import reading
 from nrs_cosim.orchestrator.cli.terminal_run import perform
@@ -112,6 +113,8 @@ def _libraries(recorded: Mapping[str, str]) -> str:
 def _compared(verification: Verification, plants: bool) -> str:
     """Say what was computed again and is the same, and what was taken from the recording."""
     who, taken = "agents and plants", ""
+    count = count_of(verification.checkpoints, "checkpoint")
+    beside = f", beside {count} of the plants" if verification.checkpoints else ""
     libraries = "; sin, cos and draws are those of libraries, as when it was recorded"
     of_libraries = libraries if verification.by_libraries else ""
     if not plants:
@@ -122,7 +125,7 @@ def _compared(verification: Verification, plants: bool) -> str:
         )
     return (
         f"{who}, run again, give the same {verification.messages} messages{taken}, to the last "
-        f"bit, in ticks 0 to {verification.ticks}{of_libraries}"
+        f"bit, in ticks 0 to {verification.ticks}{beside}{of_libraries}"
     )
 
 

@@ -283,12 +283,20 @@ def _following(
 ) -> Iterator[Callable[[StudyProgress, StudyRow | None], None]]:
     """Show how far a study is: a bar on a terminal, lines in a pipe, JSON where it is asked for."""
     latest, reached = StudyProgress(0), [(monotonic(), 0)]
+    updated = monotonic()
+
+    def take(now: StudyProgress) -> None:
+        nonlocal latest, updated
+        latest, updated = now, monotonic()
+        if len(reached) == 1 and now.ticks:
+            reached.append((updated, now.ticks))
 
     def left() -> str:
         if not latest.ticks:
             return ""
-        seconds = time_left(reached, monotonic(), latest.ticks, latest.ticks_left)
-        return f", about {seconds:.0f} s left"
+        seconds = time_left(reached, updated, latest.ticks, latest.ticks_left)
+        seconds -= monotonic() - updated
+        return f", about {seconds:.0f} s left" if seconds >= 0.5 else ""
 
     def status() -> str:
         if not latest.points:
@@ -303,10 +311,7 @@ def _following(
     if not console.is_terminal:
 
         def follow(now: StudyProgress, _row: StudyRow | None) -> None:
-            nonlocal latest
-            latest = now
-            if len(reached) == 1 and now.ticks:
-                reached.append((monotonic(), now.ticks))
+            take(now)
 
         with status_lines(console, status):
             yield follow
@@ -316,8 +321,7 @@ def _following(
         task = bar.add_task("", total=None)
 
         def draw(now: StudyProgress, _row: StudyRow | None) -> None:
-            nonlocal latest
-            latest = now
+            take(now)
             total = now.ticks + now.ticks_left
             bar.update(task, completed=now.ticks, total=total or 1, description=status())
 

@@ -76,6 +76,8 @@ class Verification:
     """How many more are here that could not be looked at, since a tick before them is missing."""
     missing: int | None = 0
     """How many the run had that are not here; None where it is not known how many."""
+    checkpoints: int = 0
+    """How many messages of these ticks are plants' checkpoints, which are not computed again."""
     by_libraries: bool = False
     """Whether sin, cos and draws are those of NumPy, SciPy and the C library, as when recorded."""
 
@@ -237,7 +239,7 @@ def _run_again(reader: Reader, experiment: Experiment, *, plants: bool) -> Verif
         steps = worker.run(-1, lambda _time: None, received)
         said = on_any_of(_said(reader.topics))
         sample = on_any_of(recorded_types(reader).channels["sample"])
-        same, k = 0, -1
+        same, checkpoints, k = 0, 0, -1
         for k, tick in enumerate(ticks(reader)):
             recorded = tick.only(said[tick.channel])
             if not plants and (
@@ -257,11 +259,12 @@ def _run_again(reader: Reader, experiment: Experiment, *, plants: bool) -> Verif
             if (row := again.first_difference(recorded)) is not None:
                 return Verification(k, same + row, again.difference_at(codecs, recorded, row))
             same += len(recorded.time)
+            checkpoints += len(tick.time) - len(recorded.time)
     unseen, missing = _unseen(reader, clock, k), _missing(reader)
     if not (unseen or missing or reader.computed) and again.digest() != reader.digest:
         reader.damage.append(digest_differs(reader.digest_here))
         missing = None
-    return Verification(k, same, None, unseen, missing)
+    return Verification(k, same, None, unseen, missing, checkpoints)
 
 
 def _absent_state(tick: list[Recorded], clock: Clock, k: int, topics: Topics) -> Difference | None:

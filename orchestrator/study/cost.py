@@ -7,8 +7,7 @@ share: c is of the others, and s_0 is what the first takes more than c times its
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-BYTES = 40
-"""Of a recording, for each message: 11,106 of the paper's example are 0.45 MB."""
+from nrs_cosim.orchestrator.engine.recording_size import BYTES
 
 
 @dataclass(frozen=True, slots=True)

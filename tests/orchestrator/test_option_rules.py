@@ -25,9 +25,12 @@ def test_rules_are_about_options_that_the_command_has(path):
     known = {name for parameter in ALL[path].params for name in parameter.opts}
     rules = rules_of(ALL[path])
     named = {*rules.requires, *(owner for owners in rules.requires.values() for owner in owners)}
-    assert named | {name for pair in rules.excludes for name in pair} <= known
+    groups = (*rules.excludes, *rules.one_of)
+    assert named | {name for group in groups for name in group} <= known
 
 
+GOALS = "--fastest, --period, --jitter, --pin or --accuracy"
+WAYS = "--verify, --publish, --foxglove or --plant/--algorithm"
 VALUES = {"--from": "1", "--to": "2", "--speed": "2", "--wait": "3", "-o": "x.mcap", "--port": "0"}
 PLAYING = ("--speed", "--from", "--to")
 PUBLISHING = ("--as-fast-as-possible", "--wait", "--insecure-tcp")
@@ -70,8 +73,14 @@ def with_value(option):
         (("design", "no.toml", "--share", "0.5"), "--share requires --accuracy"),
         (
             ("design", "no.toml", "--fastest", "--period"),
-            "nrs design requires one of --fastest, --period, --jitter, --pin or --accuracy",
+            f"expected exactly one of {GOALS}, got --fastest, --period",
         ),
+        (("design", "no.toml"), f"expected exactly one of {GOALS}, got none of them"),
+        (
+            (*REPLAY, "--algorithm", "beta=1.0", "--plant", "robots=1", "--publish"),
+            f"expected exactly one of {WAYS}, got --publish, --plant, --algorithm",
+        ),
+        (REPLAY, f"expected exactly one of {WAYS}, got none of them"),
         (("run", "no.toml", "--stay"), "--stay requires --live or --foxglove"),
         (("run", "no.toml", "--port", "0"), "--port requires --live or --foxglove"),
         (
@@ -114,6 +123,12 @@ def test_an_option_without_its_required_option_exits_2(arguments, message):
             ("design", "a.toml", "--accuracy", "1", "-2"),
             "--accuracy: expected two numbers above 0, got -2",
         ),
+        (
+            ("design", "a.toml", "--accuracy", "0.1", "-o", "b.toml"),
+            "--accuracy: expected POSITION VELOCITY, got '0.1' '-o'",
+        ),
+        (("run", "a.toml", "-o", "--force"), "-o: expected FILE.mcap, got '--force'"),
+        (("design", "a.toml", "--pin", "--json"), "--pin: expected K, got '--json'"),
         (
             ("export", "a.mcap", "-o", "a", "--format", "json"),
             "--format: expected csv, parquet, mat, nc or ssp, got 'json'",

@@ -11,13 +11,14 @@ from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.network.zenoh_bus import ZenohBus
 from nrs_cosim.bus.transport import Message
+from nrs_cosim.orchestrator.cli import terminal_replay
 from nrs_cosim.orchestrator.engine.native.arranging import load_arranging
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.orchestrator.replay import verify as verify_module
 from nrs_cosim.orchestrator.replay.diff import compare
 from nrs_cosim.orchestrator.replay.publish import as_recorded
-from nrs_cosim.orchestrator.replay.verify import verify
+from nrs_cosim.orchestrator.replay.verify import Verification, verify
 from nrs_cosim.orchestrator.replay.what_if import parent, run_again
 from nrs_cosim.orchestrator.scenario.changes import Change
 from nrs_cosim.orchestrator.scenario.file import changed, parse_scenario, read_scenario
@@ -93,6 +94,16 @@ def test_every_small_scenario_verifies_as_identical(path, tmp_path):
                 for batch in reader.batches()
                 for _, topic, *_ in batch
             )
+            counted = verification.messages + verification.checkpoints
+            assert counted == outcome.messages == reader.message_count
+
+
+def test_what_is_the_same_is_told_beside_the_checkpoints_that_are_not_computed_again():
+    found = Verification(ticks=300, messages=15_006, difference=None, checkpoints=6)
+    text = terminal_replay._compared(found, plants=True)
+    assert text.endswith(
+        "15006 messages, to the last bit, in ticks 0 to 300, beside 6 checkpoints of the plants"
+    )
 
 
 FLIPS = {

@@ -9,6 +9,7 @@ from rich.console import Console
 
 from nrs_cosim.bus.clock import Clock
 from nrs_cosim.orchestrator.cli import progress as lines
+from nrs_cosim.orchestrator.cli import terminal_study
 from nrs_cosim.orchestrator.cli.progress import (
     EVERY,
     PATIENCE,
@@ -17,6 +18,7 @@ from nrs_cosim.orchestrator.cli.progress import (
     stages,
     status_lines,
 )
+from nrs_cosim.orchestrator.study.study import StudyProgress
 from tests.guard import GUARD
 
 
@@ -65,15 +67,16 @@ def test_nothing_is_printed_of_what_is_soon_done(pipe):
 
 
 def test_lines_come_after_two_seconds_then_at_each_change_and_every_ten_seconds(pipe):
-    now = "a [b]"
-    with status_lines(pipe, lambda: now) as changed:
+    now, seconds = "a [b]", 50.0
+    with status_lines(pipe, lambda: now, now=lambda: seconds) as changed:
         assert Clockwork.made.pass_by() == PATIENCE
         assert printed(pipe) == ["progress: a [b]"]
         now = "c"
         changed()
         assert printed(pipe)[1:] == ["progress: c"]
+        seconds += EVERY
         assert Clockwork.made.pass_by() == EVERY
-        assert printed(pipe)[2:] == ["progress: c"]
+        assert printed(pipe)[2:] == ["progress: c … 10 s"]  # nothing is repeated as it was
     assert len(printed(pipe)) == 3
 
 
@@ -114,3 +117,21 @@ def test_nothing_is_printed_where_progress_is_off(pipe, monkeypatch):
     with status_lines(pipe, lambda: "a") as changed:
         changed()
     assert (printed(pipe), Clockwork.made) == ([], None)
+
+
+def test_the_time_that_a_study_has_left_runs_down_and_is_not_told_once_it_is_over(
+    pipe, monkeypatch
+):
+    seconds = 0.0
+    monkeypatch.setattr(terminal_study, "monotonic", lambda: seconds)
+    with terminal_study._following(pipe, as_json=False) as follow:
+        for done in (1, 2, 3):
+            seconds += 20.0
+            follow(StudyProgress(4, done, ticks=100 * done, ticks_left=400 - 100 * done), None)
+        for _ in range(3):
+            Clockwork.made.pass_by()
+            seconds += 15.0
+    line = "progress: 3 of 4 points"
+    first, second, third = printed(pipe)
+    assert [first, second] == [f"{line}, about 20 s left", f"{line}, about 5 s left"]
+    assert third == line

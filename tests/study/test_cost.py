@@ -2,7 +2,8 @@
 
 import pytest
 
-from nrs_cosim.orchestrator.study.cost import BYTES, TimedPoint, estimated_cost, time_left
+from nrs_cosim.orchestrator.engine.recording_size import BYTES
+from nrs_cosim.orchestrator.study.cost import TimedPoint, estimated_cost, time_left
 
 POINTS, TICKS = 100, 300
 
