@@ -66,6 +66,15 @@ def algorithm_class(name: str) -> type[Algorithm]:
     return _bundled(name) or loaded(_entry(name))
 
 
+def package_of(name: str) -> str:
+    """Return the package, its version and the entry point of an algorithm; empty of one of ours."""
+    if name in BUNDLED:
+        return ""
+    entry = _entry(name)
+    package = [entry.dist.name, entry.dist.version] if entry.dist else []
+    return " ".join([*package, f"({entry.value})"])
+
+
 def parameters_of(name: str) -> tuple[Parameter, ...]:
     """Return what parameters an installed algorithm declares.
 

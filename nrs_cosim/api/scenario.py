@@ -206,7 +206,9 @@ def _unpickled(
     is_recorded: bool,
 ) -> Scenario:
     """Return a scenario as it was in another process; no file that it names is read again."""
-    experiment = parse_scenario(text, name, folder, name, assets, recorded=is_recorded)
+    experiment = parse_scenario(
+        text, name, folder, name, assets, recorded={} if is_recorded else None
+    )
     return Scenario._of(experiment.but(fmus=fmus), is_recorded=is_recorded)
 
 

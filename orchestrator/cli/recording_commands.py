@@ -176,10 +176,11 @@ def _export_system(recording: Path, output: Path) -> None:
     with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
         reader.expect_ticks("export")
         experiment = experiment_of(reader)
-        table, ticks = answers(reader, experiment), reader.ticks
+        system = system_of(experiment, reader.ticks)  # samples may not have what answers are of
+        table = answers(reader, experiment)
     with stages(err) as begin:
         begin("building FMUs")
-        packed = ssp_bytes(system_of(experiment, ticks), table)
+        packed = ssp_bytes(system, table)
     make_folder(output)
     try:
         output.write_bytes(packed)

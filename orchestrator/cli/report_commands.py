@@ -47,6 +47,8 @@ def report(
             reader = stack.enter_context(Reader(path, watch=follow(path)))
             reader.expect_ticks("draw")
             stories.append(story_of(reader))
+            if why := stories[-1].subject.no_theory:
+                say("yellow", "theory", f"{path}: none is drawn: {why}")
             for damage in reader.damage:
                 say("yellow", "damage", f"{path}: {damage}")
     with stages(err) as begin:

@@ -17,6 +17,7 @@ import numpy as np
 from nrs_cosim.bus.clock import Clock, seconds
 from nrs_cosim.bus.errors import Cause, RunError
 from nrs_cosim.bus.keys import ORCHESTRATOR
+from nrs_cosim.estimator_agents.installed import package_of
 from nrs_cosim.orchestrator.engine.attachments import (
     asset_records,
     attachments,
@@ -38,6 +39,7 @@ from nrs_cosim.orchestrator.engine.summary import told_of
 from nrs_cosim.orchestrator.engine.worker import Spent, Watch, needed
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
+from nrs_cosim.orchestrator.scenario.tables.algorithms import ALGORITHM
 from nrs_cosim.recordings.channels import channels, schemas
 from nrs_cosim.recordings.link_counts import LinkCounter
 from nrs_cosim.recordings.mcap.container import Closing, Compression, Message
@@ -153,7 +155,7 @@ def run(
                 schemas=schemas(topics, experiment.codecs),
                 metadata={
                     RUN: _about_run(experiment, plants, output),
-                    VERSIONS: _versions(),
+                    VERSIONS: {**_versions(), **_packages(experiment)},
                     **fields_record(experiment.codecs),
                     **({ASSETS: asset_records(assets)} if assets else {}),
                     **urdf_records(urdfs),
@@ -277,6 +279,14 @@ def _about_run(
         **{key: str(number) for key, number in told_of(experiment).items()},
         "plants": json.dumps([{k: v for k, v in plant.items() if k != "urdf"} for plant in plants]),
     }
+
+
+def _packages(experiment: Experiment) -> dict[str, str]:
+    """Return the packages of algorithms that are not ours, also of those by which robots lie."""
+    liars = [entry.algorithm for entry in experiment.scenario.faults.byzantine]
+    names = {one.name for one in (experiment.scenario.algorithm, *liars) if one}
+    found = {ALGORITHM + name: package_of(name) for name in sorted(names)}
+    return {name: package for name, package in found.items() if package}
 
 
 @cache

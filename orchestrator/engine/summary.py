@@ -216,7 +216,9 @@ def experiment_of(reader: Reader) -> Experiment:
         for field, record in about.assets.items()
     }
     folder = Path(reader.path).parent / run.folder
-    experiment = parse_scenario(about.scenario, run.name, folder, origin, assets, recorded=True)
+    experiment = parse_scenario(
+        about.scenario, run.name, folder, origin, assets, recorded=about.versions
+    )
     if unnamed := assets.keys() - experiment.assets.keys():
         raise UnreadableError(f"{origin}: names no {min(unnamed)}, of which {ASSETS} has an asset")
     for key, number in told_of(experiment).items():

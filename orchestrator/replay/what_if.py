@@ -54,7 +54,12 @@ def changed_run(
         raise InputError(f"{reader.path}: is {reader.status}: let `nrs resume` complete it first")
     changes = [change.of_plants() for change in plants]
     changes += [change.within("algorithm") for change in algorithms]
-    experiment = changed(experiment_of(reader), changes)
+    recorded = experiment_of(reader)
+    try:
+        experiment = changed(recorded, changes)
+    except InputError:
+        recorded.scenario.algorithm.loaded()  # it says which package it was of, if it is not here
+        raise
     if allow_fmus:
         experiment = with_allowed_fmus(experiment)
     if compiling:

@@ -62,6 +62,7 @@ def subject_of(
     """Return what a report must know of an experiment, whose joints have units, and names."""
     checked, ultimate = theory or _theory(experiment) or (None, None)
     choice = experiment.scenario.algorithm
+    no_theory = str(choice.why_not()) if isinstance(choice, NotInstalled) else ""
     return Subject(
         estimator=with_parameters(choice.name, choice.parameters),
         times=experiment.clock,
@@ -79,6 +80,7 @@ def subject_of(
         bounds=_bounds(ultimate) if ultimate else {},
         settings=_settings(experiment),
         gains=gain_map(experiment, checked) if checked else None,
+        no_theory=no_theory,
     )
 
 

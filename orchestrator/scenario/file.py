@@ -14,7 +14,7 @@ from nrs_cosim.orchestrator.errors import ScenarioError
 from nrs_cosim.orchestrator.scenario.assets import NO_ASSETS, Assets
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.resolution import Resolution
-from nrs_cosim.orchestrator.scenario.tables.algorithms import RECORDED, AlgorithmTable, table_for
+from nrs_cosim.orchestrator.scenario.tables.algorithms import AlgorithmTable, table_for
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.orchestrator.scenario.tables.scenario import Controller, Run, Scenario
 from nrs_cosim.orchestrator.scenario.tables.targets import TARGETS, FmuMotion, FmuTarget
@@ -91,11 +91,12 @@ def parse_scenario(
     origin: str,
     assets: Assets = NO_ASSETS,
     *,
-    recorded: bool = False,
+    recorded: Mapping[str, str] | None = None,
 ) -> Experiment:
     """Parse a scenario's text that names no more than there is among the assets; reads no file.
 
-    The algorithm of a recorded one need not be installed: only what asks for it then fails.
+    The algorithm of a recorded one need not be installed: only what asks for it then fails, and
+    names the package that `recorded`, the versions of then, have.
     """
     return _resolved(text, name, folder, origin, Resolution(None, assets), recorded=recorded)
 
@@ -132,11 +133,11 @@ def _resolved(
     origin: str,
     resolution: Resolution,
     *,
-    recorded: bool = False,
+    recorded: Mapping[str, str] | None = None,
     tables: Tables | None = None,
 ) -> Experiment:
     """Return the experiment that a text is; `ScenarioError` names all that is wrong with it."""
-    scenario = resolution.tables(_parsed(text, origin, RECORDED if recorded else None, tables))
+    scenario = resolution.tables(_parsed(text, origin, recorded, tables))
     _expect_none(resolution.faults, origin)
     experiment = Experiment(scenario, text, name, folder, resolution.assets)
     target = scenario.target
@@ -153,7 +154,9 @@ def _expect_none(faults: Sequence[str], origin: str) -> None:
         raise ScenarioError("\n".join(f"{origin}: {fault}" for fault in faults))
 
 
-def _parsed(text: str, origin: str, context: str | None, given: Tables | None) -> Scenario:
+def _parsed(
+    text: str, origin: str, context: Mapping[str, str] | None, given: Tables | None
+) -> Scenario:
     try:
         tables = given or tables_of(text)
         if not tables:

@@ -72,7 +72,8 @@ class StudyReport:
         seen = "every run that has a result is as theory foresees"
         if unforeseen:
             seen = f"{count_of(len(unforeseen), 'run')} not as theory foresees, listed below"
-        return {"theory": seen, "runs": f"{len(table)}: {counts}", **axes}
+        lost = {"not drawn": f"lines of theory: {self._scenarios[1]}"} if self._scenarios[1] else {}
+        return {"theory": seen, **lost, "runs": f"{len(table)}: {counts}", **axes}
 
     def unforeseen(self) -> list[int]:
         """Return the places of rows whose status is not what theory says."""
@@ -166,9 +167,9 @@ class StudyReport:
         distance: Distance,
     ) -> Array:
         """Return where theory has a boundary, (places, 2)."""
-        if not self._bases:
+        if not self._scenarios[0]:
             return np.empty((0, 2))
-        found = theory_boundary(self._bases, others, keys, values, distance)
+        found = theory_boundary(self._scenarios[0], others, keys, values, distance)
         return np.array(found).reshape(-1, 2)
 
     def _below_one(self, places: Sequence[int]) -> float | None:
@@ -181,16 +182,16 @@ class StudyReport:
     @property
     def _impaired(self) -> bool:
         """Whether links have faults somewhere on the axes, which conditions know nothing of."""
-        bases = any(base.impaired for base in self._bases.values())
+        bases = any(base.impaired for base in self._scenarios[0].values())
         return bases or any(key.startswith("faults.") for key in self._table.keys)
 
     @cached_property
-    def _bases(self) -> dict[str, Experiment]:
-        """Return the scenarios; none where what they name is not here any more."""
+    def _scenarios(self) -> tuple[dict[str, Experiment], str]:
+        """Return the scenarios; none, and why, where what they name is not here any more."""
         try:
-            return bases_of(self._store)
-        except InputError:
-            return {}
+            return bases_of(self._store), ""
+        except InputError as error:
+            return {}, str(error)
 
     def slices(self) -> Iterator[StudySlice]:
         """Yield the slices along each axis of numbers, up to two."""

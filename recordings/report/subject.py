@@ -87,6 +87,9 @@ class Subject:
     torque_limits: Mapping[int, Array] = field(default_factory=dict)
     """(m,) of each robot that has any."""
 
+    no_theory: str = ""
+    """Why nothing of theory is drawn, where nothing is known."""
+
     @property
     def topology(self) -> Topology:
         """All links that there are at some time, each with its largest weight."""

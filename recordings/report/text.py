@@ -111,6 +111,7 @@ def particulars(story: Story) -> dict[str, str]:
     return {
         "digest": story.digest or "none: this is a part of the run",
         "seed": str(story.seed),
+        **({"no theory": story.subject.no_theory} if story.subject.no_theory else {}),
         **story.versions,
     }
 

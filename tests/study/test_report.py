@@ -8,6 +8,7 @@ import pytest
 from matplotlib.image import imread
 
 import nrs_cosim as nrs
+from nrs_cosim.orchestrator.study import report
 from nrs_cosim.orchestrator.study.report import StudyReport
 from nrs_cosim.orchestrator.study.rows import StudyRow
 from nrs_cosim.orchestrator.study.store import StudyStore
@@ -51,6 +52,18 @@ def test_refinement_finds_the_boundary_of_theorem_1_within_a_hundredth(tmp_path)
 def test_a_boundary_needs_an_axis_of_numbers(study):
     with pytest.raises(nrs.errors.InputError, match="is on no axis of the study"):
         study.boundary("run.sampling_period")
+
+
+def test_where_what_a_scenario_names_is_gone_the_page_says_that_theory_has_no_lines(
+    study, monkeypatch
+):
+    def bases_of(_store):
+        raise nrs.errors.InputError("algorithm.name: it is gone")
+
+    monkeypatch.setattr(report, "bases_of", bases_of)
+    found = StudyReport(StudyStore(study.folder))
+    assert found.lead()["not drawn"] == "lines of theory: algorithm.name: it is gone"
+    assert [len(drawn.radius) for drawn in found.maps()] == [0]
 
 
 def test_theorys_boundary_on_a_map_is_that_of_theorem_1(study):

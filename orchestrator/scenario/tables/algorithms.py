@@ -5,8 +5,9 @@ own, made of that class.
 """
 
 import inspect
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import Annotated, Any, Literal, Never
+from typing import Annotated, Any, Literal, Never, Self
 
 from pydantic import (
     AfterValidator,
@@ -29,6 +30,7 @@ from nrs_cosim.bus.text import quoted
 from nrs_cosim.estimator_agents.algorithm import Algorithm, Missing
 from nrs_cosim.estimator_agents.errors import AlgorithmError
 from nrs_cosim.estimator_agents.installed import (
+    GROUP,
     algorithm_class,
     algorithm_names,
     is_installed,
@@ -46,6 +48,8 @@ _BOUNDS = {
     "below": "exclusiveMaximum",
     "most": "maximum",
 }
+ALGORITHM = "algorithm "
+"""Begins the names, among a recording's versions, of packages whose algorithms were run."""
 _OWN = "parameter_"
 """Begins the attribute of a parameter, which may be called as one of pydantic's own."""
 
@@ -94,6 +98,15 @@ class NotInstalled(AlgorithmTable):
     """Of an algorithm that is not here as it was recorded: what its run gave, whatever that is."""
 
     model_config = ConfigDict(extra="allow")
+    _package: str = ""
+    """Which package it was of, its version and entry point; empty where that is not known."""
+
+    @classmethod
+    def recorded(cls, value: Any, versions: Mapping[str, str]) -> Self:
+        """Return the table of a run that was recorded with such versions."""
+        table = cls.model_validate(value)
+        table._package = versions.get(ALGORITHM + table.name, "")
+        return table
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -115,15 +128,15 @@ class NotInstalled(AlgorithmTable):
                 return InputError(
                     f"{field}: {fault['msg'][0].lower()}{fault['msg'][1:]}: another version of "
                     f"{self.name} is installed than the recording is of"
+                    + f"; install {self._package}"
+                    * bool(self._package)
                 )
             except AlgorithmError as error:
                 return error
-        try:
-            algorithm_class(self.name)
-        except InputError as error:
-            return error
+        package = self._package or f"the package that has it as an entry point of {GROUP}"
         return InputError(
-            f"algorithm.name: {quoted(self.name)} is not installed as it was recorded"
+            f"algorithm.name: {quoted(self.name)} is not installed as it was recorded; install "
+            f"{package}"
         )
 
 
@@ -171,30 +184,27 @@ def _key(one: Parameter) -> tuple[Any, Any]:
     )
 
 
-RECORDED = "recorded"
-"""The context of a validation in which an algorithm need not be installed as it is given."""
-
-
 _OTHER_VERSION = {"extra_forbidden", "missing"}
 """What another version of an algorithm may come to: it has other parameters."""
 
 
 def _checked(value: Any, info: ValidationInfo) -> AlgorithmTable:
+    """Read the table; where the context has a recording's versions it need not be installed."""
     if isinstance(value, AlgorithmTable):
         return value
-    if info.context != RECORDED:
+    if info.context is None:
         return table_for(value).model_validate(value)
     try:
         table = table_for(value)
     except AlgorithmError:  # its class cannot be used here
         table = _Unknown
     if table is _Unknown:
-        return NotInstalled.model_validate(value)
+        return NotInstalled.recorded(value, info.context)
     try:
         return table.model_validate(value)
     except ValidationError as error:
         if {fault["type"] for fault in error.errors()} <= _OTHER_VERSION:
-            return NotInstalled.model_validate(value)
+            return NotInstalled.recorded(value, info.context)
         raise
 
 
