@@ -15,33 +15,63 @@ import numpy as np
 import nrs_cosim as nrs
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
+SUBJECTS = {
+    "The paper's examples": ("paper_first_order", "paper_example_*"),
+    "Clocks, links and networks": ("paper_jitter", "paper_lossy*", "switching", "hetero*"),
+    "Many robots": ("ring_*", "random_*"),
+    "Algorithms on one example": ("compare_*",),
+    "Averages, and robots that lie": ("average_*", "byzantine_*"),
+}
+"""Which scenarios stand under which heading, in this order."""
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Of robots, at or below the lines of a picture."""
+
+
+def scenarios() -> dict[str, list[Path]]:
+    """Return the files under each heading; each scenario stands under one."""
+    found = {
+        heading: [path for name in names for path in sorted(SCENARIOS.glob(f"{name}.toml"))]
+        for heading, names in SUBJECTS.items()
+    }
+    shown = sorted(path for paths in found.values() for path in paths)
+    assert shown == sorted(SCENARIOS.glob("*.toml")), "SUBJECTS has each scenario once"
+    return found
 
 
 def page() -> str:
     """Return the text of docs/gallery.md."""
     parts = [
         "# Scenarios",
-        "What lies in `scenarios/`, each run as it is. A picture has the distance from a robot's "
-        "estimate to the target (left) and from the robot itself (right), over time: the least, "
-        "the quartiles and the largest of all robots. `make gallery` draws them.",
+        "What lies in `scenarios/`, each run as it is. A picture has how far a robot's estimate "
+        "(left) and the robot itself (right) are from the target, over time: the median of all "
+        "robots in blue, the largest in orange, and all between the least and the largest shaded. "
+        "What the keys mean is said in [paper_first_order](../scenarios/paper_first_order.toml) "
+        "and in [the keys of a scenario](scenario.md). `make gallery` draws the pictures.",
     ]
-    for path in sorted(SCENARIOS.glob("*.toml")):
-        parts += [
-            f"## {path.stem}",
-            _about(path.read_text("utf-8")),
-            f"![Errors over time of {path.stem}](gallery/{path.stem}.png)",
-            f"[`nrs run scenarios/{path.name} -o {path.stem}.mcap`](../scenarios/{path.name})",
-        ]
+    for heading, paths in scenarios().items():
+        parts.append(f"## {heading}")
+        for path in paths:
+            parts += [
+                f"### {path.stem}",
+                _about(path.read_text("utf-8")),
+                f"![Errors over time of {path.stem}](gallery/{path.stem}.png)",
+                f"[`nrs run scenarios/{path.name} -o {path.stem}.mcap`](../scenarios/{path.name})",
+            ]
     return "\n\n".join(parts) + "\n"
 
 
 def _about(text: str) -> str:
-    """Return the comment that a scenario begins with, as a paragraph."""
+    """Return the comment that a scenario begins with, as a paragraph with links."""
     comment = re.match(r"(?:#.*\n)+", text)
     assert comment, "a scenario begins with what it shows"
-    return " ".join(line.lstrip("# ").rstrip() for line in comment[0].splitlines())
+    about = " ".join(line.lstrip("# ").rstrip() for line in comment[0].splitlines())
+    about = re.sub(
+        r" See paper_first_order\.toml for what [a-z ]+ means?(, and (.*)|)\.",
+        lambda m: f" See {m[2]}." if m[2] else "",
+        about,
+    )
+    about = re.sub(r"\bdocs/([a-z/_]+)\.md", r"[\1](\1.md)", about)
+    return re.sub(r"\b([a-z_]+)\.toml", r"[\1](#\1)", about)
 
 
 def draw(path: Path, picture: Path) -> None:
@@ -58,9 +88,10 @@ def draw(path: Path, picture: Path) -> None:
         axis.plot(t, lines[2], linewidth=1.2)
         axis.plot(t, lines[-1], linewidth=0.8)
         axis.set_yscale("log")
-        axis.tick_params(labelsize=7)
-        axis.set_xlabel("t, s", fontsize=8)
-    axes[0].set_ylabel("to the target, rad", fontsize=8)
+        axis.tick_params(which="both", labelsize=7)
+        axis.set_xlabel("simulated time (s)", fontsize=8)
+    for axis, what in zip(axes, ("estimate", "robot"), strict=True):
+        axis.set_ylabel(f"{what} to target (rad)", fontsize=8)
     figure.savefig(picture, dpi=100)
     plt.close(figure)
 
