@@ -53,6 +53,8 @@ def test_a_process_starts_without_unneeded_imports(module, unneeded):
 PAPER = ROOT / "scenarios/paper_first_order.toml"
 RUNS = {"multiprocessing", "numpy.ma", "scipy", "tomlkit", "zenoh"}
 """What takes part in runs alone, of few robots at periodic times."""
+OTHERS = {"fmpy", "lxml", "attr"}
+"""What takes part where FMUs are opened that are not bundled."""
 
 
 def test_check_and_info_load_nothing_that_they_do_not_use(tmp_path):
@@ -60,8 +62,8 @@ def test_check_and_info_load_nothing_that_they_do_not_use(tmp_path):
     scenario = nrs_cosim.Scenario.load(PAPER).replace({"run.duration": 1.0})
     nrs_cosim.run(scenario, recording).close()
     commands = {
-        ("check", PAPER): RUNS | {"mcap", "nrs_cosim.plant_fmu.checking"},
-        ("info", recording): RUNS | {"fmpy", "lxml", "nrs_cosim.orchestrator.cli.option_groups"},
+        ("check", PAPER): RUNS | OTHERS | {"mcap", "nrs_cosim.plant_fmu.checking"},
+        ("info", recording): RUNS | OTHERS | {"nrs_cosim.orchestrator.cli.option_groups"},
     }
     program = (
         "import atexit, gc, sys; from nrs_cosim.orchestrator.__main__ import main; "

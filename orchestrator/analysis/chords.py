@@ -47,7 +47,7 @@ def _takes_it(experiment: Experiment, plant: Plant) -> bool:
     """Return whether a plant is known to follow an acceleration."""
     if plant.fmu in bundled_models():
         return True
-    from nrs_cosim.orchestrator.engine.plants import find_in  # noqa: PLC0415, loads FMPy
+    from nrs_cosim.orchestrator.engine.plants import find_in  # noqa: PLC0415, it opens FMUs
     from nrs_cosim.plant_fmu.archives.presence import takes  # noqa: PLC0415, as above
     from nrs_cosim.plant_fmu.drives.choice import Driving, choose  # noqa: PLC0415, as above
     from nrs_cosim.plant_fmu.drives.reference_driven import (  # noqa: PLC0415, as above

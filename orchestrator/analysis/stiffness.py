@@ -95,7 +95,7 @@ def mobility_at_start(experiment: Experiment) -> Mobility:
     """Return what tells it of FMUs that were built here, by small pushes where a robot starts."""
 
     def mobility(plant: Plant, robot: int) -> Sequence[float]:
-        from nrs_cosim.orchestrator.engine.plants import find_in  # noqa: PLC0415, it loads FMPy
+        from nrs_cosim.orchestrator.engine.plants import find_in  # noqa: PLC0415, it opens FMUs
         from nrs_cosim.plant_fmu.checking.findings import CheckTask  # noqa: PLC0415, as above
         from nrs_cosim.plant_fmu.checking.sampling import start_mobility  # noqa: PLC0415, as above
 
@@ -111,7 +111,7 @@ def mobility_at_start(experiment: Experiment) -> Mobility:
 
 
 def _joint(experiment: Experiment, plant: Plant, number: int) -> str:
-    from nrs_cosim.orchestrator.engine.plants import find_in  # noqa: PLC0415, it loads FMPy
+    from nrs_cosim.orchestrator.engine.plants import find_in  # noqa: PLC0415, it opens FMUs
 
     joints = find_in(experiment)(plant.fmu).joints
     return f"joint {number + 1}" + (f" ({shortened(joints[number].name)})" if joints else "")

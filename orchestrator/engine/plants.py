@@ -15,7 +15,6 @@ from nrs_cosim.orchestrator.scenario.conversion import names_of
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.fmus import Plant
 from nrs_cosim.plant_fmu.archives.archive import Archive, find_archive, look_up
-from nrs_cosim.plant_fmu.archives.compilation import compiled
 from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.archives.variables import find_quantity, joints_of
 from nrs_cosim.plant_fmu.bundled.builder import built_here
@@ -27,7 +26,6 @@ from nrs_cosim.plant_fmu.drives.stepped import step_by_threads
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fleet import Fleet
 from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
-from nrs_cosim.plant_fmu.isolation.isolated import IsolatedPlants
 from nrs_cosim.plant_fmu.joints import Joint
 from nrs_cosim.plant_fmu.plants import Body, DrivenPlants
 
@@ -128,6 +126,8 @@ def find_in(experiment: Experiment) -> Find:
 
 def with_compiled_fmus(experiment: Experiment) -> Experiment:
     """Return an experiment whose FMUs with C sources alone are compiled: the user wants it."""
+    from nrs_cosim.plant_fmu.archives.compilation import compiled  # noqa: PLC0415, of these alone
+
     fmus: dict[str, Path] = {}
     for fmu in dict.fromkeys(plant.fmu for plant in experiment.plants):
         if fmu not in experiment.fmus and fmu not in bundled_models():
@@ -212,6 +212,10 @@ def _open(
 ) -> DrivenPlants:
     archive, names, driving = group.archive, group.names, group.driving
     if group.is_apart:
+        from nrs_cosim.plant_fmu.isolation.isolated import (  # noqa: PLC0415, of these alone
+            IsolatedPlants,
+        )
+
         deadline = group.plant.deadline
         return IsolatedPlants(
             stack, archive, bodies, names, driving, deadline, representatives, threads

@@ -25,7 +25,7 @@ from nrs_cosim.orchestrator.engine.plants import group_by_archive, open_fleet
 from nrs_cosim.orchestrator.engine.worker import Worker, WorkerPlants
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.plant_fmu.archives.archive import Archive
-from nrs_cosim.plant_fmu.drives.opening import CVODE
+from nrs_cosim.plant_fmu.drives.choice import CVODE
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -51,7 +51,7 @@ def with_motion(experiment: Experiment, target: FmuTarget, origin: str) -> Exper
 
 def _run(experiment: Experiment, target: FmuTarget, times: Sequence[float]) -> Asset:
     """Return what an FMU does as an asset."""
-    from nrs_cosim.plant_fmu.archives.archive import find_archive  # noqa: PLC0415, it loads FMPy
+    from nrs_cosim.plant_fmu.archives.archive import find_archive  # noqa: PLC0415, it opens FMUs
     from nrs_cosim.plant_fmu.motion import fmu_motion  # noqa: PLC0415, as above
 
     names = names_of(target.variables)

@@ -8,18 +8,18 @@ from dataclasses import dataclass, field
 from io import BufferedReader
 from pathlib import Path, PurePosixPath
 from typing import Any
-
-import fmpy
-from fmpy.model_description import ModelDescription
+from zipfile import ZipFile
 
 from nrs_cosim.plant_fmu.archives.entries import GIB, MOST_BYTES, opened_archive, unpack
-from nrs_cosim.plant_fmu.archives.model_description import read_description
+from nrs_cosim.plant_fmu.archives.own_description import read_own_description
+from nrs_cosim.plant_fmu.archives.records import ModelDescription
 from nrs_cosim.plant_fmu.archives.units import unit_of
 from nrs_cosim.plant_fmu.bundled.builder import build, built_here
 from nrs_cosim.plant_fmu.bundled.declaration import bundled_models
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.folders import own_folder
 from nrs_cosim.plant_fmu.joints import Joint, read_joints, read_urdf_text
+from nrs_cosim.plant_fmu.platform_names import FMI2, FMI3, LIBRARY
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +41,8 @@ class Archive:
     """Whether it has C files, of which a library may be compiled."""
     joints: tuple[Joint, ...] = ()
     """What it calls its joints; none where it does not say."""
+    bundled: bool = False
+    """Whether it was read and is loaded as a bundled model: without FMPy, where that can be."""
     urdf: str = field(default="", repr=False)
     """The URDF that it was built from, as far as that is kept."""
 
@@ -132,11 +134,14 @@ class Archive:
         }
 
 
-def read_archive(path: Path, label: str | None = None) -> Archive:
-    """Read an FMU, for whatever platform it is; `FmuError` when it is missing, damaged or unfit."""
+def read_archive(path: Path, label: str | None = None, *, bundled: bool = False) -> Archive:
+    """Read an FMU, for whatever platform it is; `FmuError` when it is missing, damaged or unfit.
+
+    A `bundled` one was just built, or found in the cache to be what was built.
+    """
     label = label or str(path)
     with _file(path, label) as file, opened_archive(file, label) as archive:
-        description = read_description(archive, label)
+        description = (read_own_description if bundled else _read_by_fmpy)(archive, label)
         names = archive.namelist()
         return Archive(
             label,
@@ -148,8 +153,17 @@ def read_archive(path: Path, label: str | None = None) -> Archive:
             tuple(misnamed_libraries(description, names).values()),
             has_c(names),
             read_joints(archive, label),
+            bundled,
             read_urdf_text(archive, label),
         )
+
+
+def _read_by_fmpy(archive: ZipFile, label: str) -> ModelDescription:
+    from nrs_cosim.plant_fmu.archives.model_description import (  # noqa: PLC0415, it loads FMPy
+        read_description,
+    )
+
+    return read_description(archive, label)
 
 
 def open_archive(path: Path, label: str | None = None) -> Archive:
@@ -166,7 +180,7 @@ def look_up(fmu: str, folder: Path) -> Archive:
         return read_archive(folder / fmu)
     if fmu not in bundled_models() and (folder / fmu).is_file():
         raise FmuError(f"{fmu}: is not an FMU: its name does not end with .fmu")
-    return read_archive(build(fmu), fmu)
+    return read_archive(build(fmu), fmu, bundled=True)
 
 
 def find_archive(fmu: str, folder: Path) -> Archive:
@@ -264,7 +278,7 @@ def misnamed_libraries(description: ModelDescription, names: Sequence[str]) -> d
         name
         for name in names
         if PurePosixPath(name).parent.as_posix() == f"binaries/{_here(description)}"
-        and name.endswith(fmpy.sharedLibraryExtension)
+        and name.endswith(LIBRARY)
     ]
     wanted = _libraries(description)
     # A name that leads elsewhere is no other name of what is here.
@@ -277,14 +291,14 @@ def misnamed_libraries(description: ModelDescription, names: Sequence[str]) -> d
 
 
 def _here(description: ModelDescription) -> str:
-    return str(fmpy.platform_tuple if description.fmiMajorVersion == 3 else fmpy.platform)
+    return FMI3 if description.fmiMajorVersion == 3 else FMI2
 
 
 def _libraries(description: ModelDescription) -> list[str]:
     """Return where the libraries of the interfaces are, if FMI's names are kept."""
     offers = (description.coSimulation, description.modelExchange)
     folder = f"binaries/{_here(description)}"
-    names = {f"{o.modelIdentifier}{fmpy.sharedLibraryExtension}" for o in offers if o is not None}
+    names = {f"{o.modelIdentifier}{LIBRARY}" for o in offers if o is not None}
     return sorted(f"{folder}/{name}" for name in names)
 
 

@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-import fmpy
 from fmpy.model_description import BuildConfiguration, SourceFileSet, read_build_description
 
 from nrs_cosim.plant_fmu import cache
@@ -20,6 +19,7 @@ from nrs_cosim.plant_fmu.archives.archive import Archive, open_archive, unpacked
 from nrs_cosim.plant_fmu.bundled.builder import archive_bytes, fmi_headers
 from nrs_cosim.plant_fmu.bundled.compiler import compiler, shared_library
 from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.platform_names import FMI2, FMI3, LIBRARY
 
 FLAGS = (
     "-shared",
@@ -57,7 +57,7 @@ def compiled(archive: Archive) -> Archive:
         raise FmuError(f"{archive.label}: {archive.obstacle}")
     if not archive.has_sources:
         raise FmuError(f"{archive.label}: {archive.obstacle}: there is nothing to compile")
-    decides = f"{' '.join(FLAGS)} {' '.join(compiler())} {fmpy.platform_tuple}"
+    decides = f"{' '.join(FLAGS)} {' '.join(compiler())} {FMI3}"
     key = hashlib.sha256(decides.encode()).hexdigest()[:16]
     kept = f"compiled-{archive.sha256}-{key}.fmu"
     path = cache.stored(kept) or cache.keep(kept, _with_libraries(archive))
@@ -70,7 +70,7 @@ def _with_libraries(archive: Archive) -> bytes:
     description = archive.description
     offers = (description.coSimulation, description.modelExchange)
     fmi = int(description.fmiMajorVersion)
-    folder = fmpy.platform if fmi == 2 else fmpy.platform_tuple
+    folder = FMI2 if fmi == 2 else FMI3
     headers = {f"{HEADERS}/{name}": text for name, text in fmi_headers(fmi).items()}
     with unpacked(archive) as root:
         configurations = _configurations(archive, root)
@@ -89,7 +89,7 @@ def _with_libraries(archive: Archive) -> bytes:
         build = _build(archive, [each for c in listed for each in c.sourceFileSets], files)
         flags = (*FLAGS, *build.flags)
         library = shared_library(archive.label, {**headers, **files}, build.units, flags)
-        whole[f"binaries/{folder}/{identifier}{fmpy.sharedLibraryExtension}"] = library
+        whole[f"binaries/{folder}/{identifier}{LIBRARY}"] = library
     return archive_bytes(whole)
 
 

@@ -9,9 +9,8 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from fmpy.model_description import ModelVariable
-
 from nrs_cosim.plant_fmu.archives.name_words import Causality, Words, said, words_of
+from nrs_cosim.plant_fmu.archives.records import ModelVariable
 
 MOST_WORDS = 16
 """Of a name of which a part may be the joint."""

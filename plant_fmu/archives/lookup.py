@@ -4,11 +4,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import lru_cache
 
-from fmpy.model_description import ModelVariable
-
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.archives.families import Family, families
+from nrs_cosim.plant_fmu.archives.records import ModelVariable
 from nrs_cosim.plant_fmu.errors import FmuError
 
 Identity = tuple[str, int]

@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 from itertools import chain, islice, permutations, product
 from math import prod
 
-from fmpy.model_description import ModelVariable
-
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.archives.families import NamePattern, Spec, as_toml
 from nrs_cosim.plant_fmu.archives.joint_names import JointFamily, joint_families
 from nrs_cosim.plant_fmu.archives.lookup import Identity, by_name, identity
 from nrs_cosim.plant_fmu.archives.name_words import Causality, Words, said, words_of
 from nrs_cosim.plant_fmu.archives.quantities import TYPES, UNITS
+from nrs_cosim.plant_fmu.archives.records import ModelVariable
 from nrs_cosim.plant_fmu.archives.units import si_factor, unit_of
 from nrs_cosim.plant_fmu.archives.variables import MOVING, NO_SIZES, shape_of
 

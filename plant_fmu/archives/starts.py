@@ -11,11 +11,10 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from math import isclose, prod
 
-from fmpy.model_description import ModelVariable
-
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.archives.lookup import identity
 from nrs_cosim.plant_fmu.archives.quantities import TYPES, Part, Quantity
+from nrs_cosim.plant_fmu.archives.records import ModelVariable
 from nrs_cosim.plant_fmu.archives.units import unit_of
 from nrs_cosim.plant_fmu.archives.variables import shape_of
 

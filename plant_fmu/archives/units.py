@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from math import isclose, isfinite
 
-from fmpy.model_description import BaseUnit, ModelVariable, Unit
-
+from nrs_cosim.plant_fmu.archives.records import BaseUnit, ModelVariable, Unit
 from nrs_cosim.plant_fmu.unit_names import SiUnit, has_multiple, parse_unit
 
 

@@ -13,13 +13,12 @@ from functools import lru_cache
 from math import prod
 from types import MappingProxyType
 
-from fmpy.model_description import ModelVariable
-
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.archives.families import NamePattern, Spec, families, split_slice
 from nrs_cosim.plant_fmu.archives.lookup import by_name, listed, only, suggestion, variable_named
 from nrs_cosim.plant_fmu.archives.quantities import INTEGRALS, MOTION, TYPES, UNITS, Part, Quantity
+from nrs_cosim.plant_fmu.archives.records import ModelVariable
 from nrs_cosim.plant_fmu.archives.units import si_factor, si_name, unit_of
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.joints import Joint

@@ -8,13 +8,12 @@ import hashlib
 import shutil
 from collections.abc import Mapping, Sequence
 from glob import escape
+from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType
 from uuid import NAMESPACE_OID, uuid5
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
-
-import fmpy
 
 from nrs_cosim.bus.text import nearest, quoted
 from nrs_cosim.plant_fmu import cache
@@ -30,6 +29,7 @@ from nrs_cosim.plant_fmu.bundled.declaration import MODELS, Declaration, bundled
 from nrs_cosim.plant_fmu.bundled.documentation import documentation
 from nrs_cosim.plant_fmu.bundled.model_description import build_description, model_description
 from nrs_cosim.plant_fmu.errors import FmuError
+from nrs_cosim.plant_fmu.platform_names import FMI2, FMI3, LIBRARY
 
 FLAGS = (
     *("-std=c99", "-shared", "-fPIC", "-O2", "-fvisibility=hidden"),
@@ -106,7 +106,7 @@ def build_library(name: str, sources: Mapping[str, bytes]) -> Path:
     """
     files = {file: text for fmi in _PLATFORM_HEADER for file, text in fmi_headers(fmi).items()}
     files |= sources
-    kept = f"{name}-{_key(files)}{fmpy.sharedLibraryExtension}"
+    kept = f"{name}-{_key(files)}{LIBRARY}"
     return cache.stored(kept) or cache.keep(kept, _compile(name, files))
 
 
@@ -168,7 +168,9 @@ def _files_with_token(
 
 def fmi_headers(fmi: int) -> dict[str, bytes]:
     """FMI's headers of version 2 or 3, by name."""
-    vendor = Path(fmpy.__file__).parent / "c-code"
+    fmpy = find_spec("fmpy")  # without being loaded
+    assert fmpy is not None
+    vendor = Path(str(fmpy.origin)).parent / "c-code"
     names = [f"fmi{fmi}{suffix}" for suffix in _HEADERS] + [_PLATFORM_HEADER[fmi]]
     return {name: (vendor / name).read_bytes() for name in names}
 
@@ -181,14 +183,14 @@ def _digest(files: dict[str, bytes]) -> str:
 
 
 def _key(files: Mapping[str, bytes], targets: Sequence[str] = ()) -> str:
-    platform = " ".join(targets) or fmpy.platform_tuple
+    platform = " ".join(targets) or FMI3
     decides = {**files, "flags": " ".join(FLAGS).encode(), "platform": platform.encode()}
     return _digest(decides)[:16]
 
 
 def _binary_name(name: str, fmi: int) -> str:
-    folder = fmpy.platform if fmi == 2 else fmpy.platform_tuple
-    return f"binaries/{folder}/{name}{fmpy.sharedLibraryExtension}"
+    folder = FMI2 if fmi == 2 else FMI3
+    return f"binaries/{folder}/{name}{LIBRARY}"
 
 
 def _compile(name: str, sources: Mapping[str, bytes], platform: Platform | None = None) -> bytes:

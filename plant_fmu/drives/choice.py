@@ -21,6 +21,8 @@ from nrs_cosim.plant_fmu.fmi.library import Kind
 
 Way = Literal["reference", "cvode", "rk4", "heun", "hold"]
 
+CVODE = "Model Exchange, CVODE"
+"""How a drive by it is told."""
 RTOL = 1e-9
 STEP = 0.005
 """s"""

@@ -14,11 +14,11 @@ from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
-from fmpy.model_description import ModelVariable
 
 from nrs_cosim.bus.text import quoted
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.archives.lookup import find_variables, listed, suggestion
+from nrs_cosim.plant_fmu.archives.records import ModelVariable
 from nrs_cosim.plant_fmu.archives.variables import shape_of
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.calls import Calls, c_references

@@ -11,7 +11,6 @@ us alone: in this process others may use FMPy too.
 """
 
 import shutil
-from collections.abc import Callable
 from ctypes import CDLL, byref, c_void_p, cast
 from functools import cache
 from itertools import count
@@ -27,9 +26,8 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
 )
 
+from nrs_cosim.plant_fmu.fmi.log_text import Log, text_of
 from nrs_cosim.plant_fmu.folders import own_folder
-
-Log = Callable[[str], None]
 
 _ENVIRONMENTS = count(1)
 
@@ -51,11 +49,6 @@ class Callbacks(fmi2CallbackFunctions):  # type: ignore[misc]
 
 _KEPT: WeakValueDictionary[int, Callbacks] = WeakValueDictionary()
 """By their environments."""
-
-
-def text_of(message: bytes | None) -> str:
-    """Return what an FMU said, in whatever encoding."""
-    return (message or b"").decode("utf-8", "replace").strip()
 
 
 @cache

@@ -9,7 +9,7 @@ from ctypes import byref, c_bool, c_double, c_int, c_size_t, c_uint, c_void_p
 from dataclasses import dataclass
 from typing import Any
 
-from nrs_cosim.plant_fmu.fmi.callbacks import Callbacks, Log, text_of
+from nrs_cosim.plant_fmu.fmi.log_text import Log, text_of
 
 Call = Callable[..., int]
 
@@ -130,6 +130,8 @@ def _common_fmi2(dll: Any) -> Calls:
     values = (c_void_p, c_void_p, c_size_t, c_void_p)
     setup = bind(dll, "fmi2SetupExperiment", c_void_p, c_int, c_double, c_double, c_int, c_double)
     enter = bind(dll, "fmi2EnterInitializationMode", c_void_p)
+
+    from nrs_cosim.plant_fmu.fmi.callbacks import Callbacks  # noqa: PLC0415, it loads FMPy
 
     def instantiate(instance: Any, log: Log) -> None:
         callbacks = Callbacks(instance.instanceName, log)

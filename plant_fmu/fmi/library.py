@@ -5,26 +5,21 @@ import os
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from threading import Lock
 from typing import Any, Literal, Self, TypeVar
 
-from fmpy.fmi2 import FMU2Model, FMU2Slave
-from fmpy.fmi3 import FMU3Model, FMU3Slave
-
 from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.calls import Calls, bind_common
+from nrs_cosim.plant_fmu.fmi.own_library import OwnSlave
 
 Kind = Literal["CoSimulation", "ModelExchange"]
 Bound = TypeVar("Bound")
 
-_FMPY = {
-    (2, "CoSimulation"): FMU2Slave,
-    (2, "ModelExchange"): FMU2Model,
-    (3, "CoSimulation"): FMU3Slave,
-    (3, "ModelExchange"): FMU3Model,
-}
+_ROLES = {"CoSimulation": "Slave", "ModelExchange": "Model"}
+"""What FMPy calls them."""
 _WHERE = Lock()
 """FMPy loads from within the library's folder; all threads of a process are in the same one."""
 _LEFT: list[list[Any]] = []
@@ -56,7 +51,7 @@ class Library:
         with _WHERE:
             here = Path.cwd()
             try:
-                self._prototype = _FMPY[self._fmi, kind](
+                self._prototype = _loader(archive, self._fmi, kind)(
                     guid=description.instantiationToken,
                     unzipDirectory=str(folder),
                     modelIdentifier=self.interface.modelIdentifier,
@@ -126,6 +121,15 @@ class Library:
                 self.calls.free(instance.component)
         self._prototype.freeLibrary()
         self._instances.clear()
+
+
+def _loader(archive: Archive, fmi: int, kind: Kind) -> Callable[..., Any]:
+    """Return what loads a library and makes instances of it, as FMPy's classes do."""
+    if archive.bundled and kind == "CoSimulation":
+        return OwnSlave
+    module = import_module(f"fmpy.fmi{fmi}")
+    loader: Callable[..., Any] = getattr(module, f"FMU{fmi}{_ROLES[kind]}")
+    return loader
 
 
 def _advice(folder: Path) -> str:

@@ -72,7 +72,7 @@ def test_threads_that_load_together_keep_the_working_directory(monkeypatch):
         with unpacked(archive) as folder, Library(archive, folder, "CoSimulation"):
             pass
 
-    monkeypatch.setitem(library._FMPY, (3, "CoSimulation"), begun)
+    monkeypatch.setattr(library, "_loader", lambda *_which: begun)
     with ThreadPoolExecutor(2) as threads:
         list(threads.map(load, range(2)))
     assert [*seen, Path.cwd()] == [here] * 3
