@@ -19,6 +19,7 @@ from nrs_cosim.estimator_agents.theory.loss import mean_square_radius
 from nrs_cosim.estimator_agents.theory.lossy_step import LossyStep, TickEdges, lossy_ticks
 from nrs_cosim.estimator_agents.theory.outermost import bounds_by
 from nrs_cosim.estimator_agents.theory.recursion import Recursion
+from nrs_cosim.estimator_agents.theory.simulated_links import simulated_growth
 from nrs_cosim.estimator_agents.theory.switching import product_radius
 from nrs_cosim.estimator_agents.theory.varying import JointRadius, joint_spectral_radius
 from nrs_cosim.orchestrator.analysis.convergence import UNKNOWN, periods_of, rho_of, spectra_of
@@ -128,6 +129,31 @@ def radius_over(experiment: Experiment) -> RadiusBounds:
         if found or why_unknown_over(experiment, faults) or not faults.arrive_in_time:
             return found or UNKNOWN
     return rho_of(nominal_of(experiment.algorithm), topologies, spectra, periods)
+
+
+@np.errstate(all="ignore")  # as above
+def growth_over(experiment: Experiment) -> RadiusBounds:
+    """Return e^λ, by which almost every run grows: by simulation where links draw (L4).
+
+    Where they lose nothing, and are late by fixed times, it is ρ. Not a number if it is not known.
+    """
+    if experiment.impaired and not experiment.byzantine:
+        faults = link_faults_of(experiment)
+        if faults.loss.any() or not faults.fixed:
+            known = not why_unknown_over(experiment, faults)
+            step = step_over(experiment, periods_of(experiment).constant_period)
+            found = simulated_over(experiment, faults, step) if known and step else None
+            return found or UNKNOWN
+    return radius_over(experiment)
+
+
+def simulated_over(
+    experiment: Experiment, faults: LinkFaults, step: LinearStep
+) -> RadiusBounds | None:
+    """Return where e^λ lies over links as they are drawn, with a confidence of 99.9 %."""
+    turns = turns_of(experiment.topologies, faults.links)
+    drawn = faults.least, faults.most, faults.loss
+    return simulated_growth(step, faults.links, *drawn, experiment.missing, turns)
 
 
 def lossy_steps(

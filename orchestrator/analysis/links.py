@@ -32,7 +32,6 @@ from nrs_cosim.estimator_agents.theory.loss import (
 from nrs_cosim.estimator_agents.theory.lossy_step import LossyStep
 from nrs_cosim.estimator_agents.theory.outermost import bounds_by
 from nrs_cosim.estimator_agents.theory.recursion import linear_jump
-from nrs_cosim.estimator_agents.theory.simulated_links import simulated_growth
 from nrs_cosim.estimator_agents.theory.switching import (
     contracts_in_any_order,
     gains_up_to_one,
@@ -43,11 +42,11 @@ from nrs_cosim.orchestrator.analysis.link_faults import (
     lasting_digraph,
     link_faults_of,
     ticks_of,
-    turns_of,
 )
 from nrs_cosim.orchestrator.analysis.link_recursions import (
     lossy_steps,
     radius_of_turns,
+    simulated_over,
     step_over,
     why_unknown_over,
 )
@@ -117,6 +116,13 @@ class LinkAnalysis:
         known = [one.lower for one in almost_surely if one] or [self.radius.lower]
         return max(known) if self.status == "diverges" else None
 
+    @property
+    def almost_sure(self) -> RadiusBounds:
+        """e^λ: by simulation where samples are lost, or delays are drawn; else it is ρ."""
+        if self.simulated:
+            return self.simulated
+        return self.radius if self.radius_name == "spectral radius" else UNKNOWN
+
     def as_json(self) -> dict[str, Any]:
         """Return the analysis for JSON."""
         derived = {"radius_name": self.radius_name, "proven": self.proven}
@@ -154,10 +160,7 @@ def link_analysis(
     else:
         found = _of_losses(experiment, faults, step, found, proof)
     if step:
-        turns = turns_of(experiment.topologies, faults.links)
-        drawn = faults.least, faults.most, faults.loss
-        growth = simulated_growth(step, faults.links, *drawn, experiment.missing, turns)
-        found = replace(found, simulated=growth)
+        found = replace(found, simulated=simulated_over(experiment, faults, step))
     return found if found.source else _by_simulation(found)
 
 

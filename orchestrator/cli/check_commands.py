@@ -57,7 +57,11 @@ def check(
         ),
     ] = None,
     figure: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw the map: .png, .pdf or .svg.")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Draw the map, with the lines where errors stay as large: .png, .pdf or .svg.",
+        ),
     ] = None,
 ) -> None:
     """Show what theory proves of a scenario, and whether its plants can be opened."""

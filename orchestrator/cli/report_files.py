@@ -66,7 +66,8 @@ def write_radius_map(made: RadiusMap, output: Path, kind: str) -> None:
         if not all(type(value) in {int, float} for value in values) or values != sorted(values):
             raise InputError(f"--figure: {key}: a figure is of numbers that grow")
     numbers = np.array(x, float), np.array(y, float)
-    write = partial(study_figures.write_radius_map, keys, numbers, made.upper, form=kind)
+    growth = None if made.growth is None else (made.growth[0] + made.growth[1]) / 2
+    write = partial(study_figures.write_radius_map, keys, numbers, made.upper, growth, form=kind)
     _write_whole(output, kind, write)
 
 

@@ -220,6 +220,8 @@ def _theory(checked: Check, ultimate: UltimateBounds, compared: TheoryComparison
         "convergence": checked.convergence,
         "spectral_radius": _finite(checked.links.radius.upper),
         "spectral_radius_lower": _finite(checked.links.radius.lower),
+        "almost_sure": _finite(checked.links.almost_sure.upper),
+        "almost_sure_lower": _finite(checked.links.almost_sure.lower),
         "margin": smallest_margin(checked.conditions),
         "critical_loss": loss.critical if loss else None,
         "violated": ", ".join(c.name for c in checked.conditions if not c.holds),

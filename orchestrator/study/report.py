@@ -1,8 +1,8 @@
 """What a study's page and figures show: maps, slices, what theory did not foresee, and failures."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property, partial
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,10 @@ from nrs_cosim.orchestrator.study.store import StudyStore, rerun_line
 from nrs_cosim.orchestrator.study.study import bases_of
 from nrs_cosim.orchestrator.study.table import StudyTable
 from nrs_cosim.orchestrator.study.theory_boundary import (
+    HALVINGS_SIMULATED,
+    MOST_SIMULATED,
     Distance,
+    almost_surely_below_one,
     below_one,
     least_margin,
     theory_boundary,
@@ -34,7 +37,9 @@ from nrs_cosim.recordings.report.study_figures import (
 from nrs_cosim.recordings.report.study_page import MOST, Cell, Listing, study_page
 
 ERROR = "position_estimate"
-READ = (ERROR, "bounds", "spectral_radius", "margin", "measured_rate", "convergence", "digest")
+ALMOST_SURE = ("almost_sure_lower", "almost_sure")
+READ = (ERROR, "bounds", "spectral_radius", *ALMOST_SURE, "margin", "measured_rate")
+READ_OF_RUNS = ("convergence", "digest")
 READ_OF_FAILURES = ("cause_kind", "reason", "recording")
 MOST_PANELS = 6
 """Combinations of the other axes that have a map or a line of their own."""
@@ -46,7 +51,7 @@ class StudyReport:
 
     def __init__(self, store: StudyStore) -> None:
         self._store = store
-        self._table = StudyTable.of(store, *READ, *READ_OF_FAILURES)
+        self._table = StudyTable.of(store, *READ, *READ_OF_RUNS, *READ_OF_FAILURES)
         self._cells = statistics_of(self._table, ())
         self._numeric = [key for key in self._table.leading if self._is_numeric(key)]
 
@@ -136,15 +141,9 @@ class StudyReport:
                 rows = [self._table.cells[one.cell] for one in cells]
                 places = [(one.cell[at[x]], one.cell[at[y]]) for one in cells]
                 others = dict(zip(self._table.keys, cells[0].cell, strict=True))
-                radius, margin = (
-                    self._edge(
-                        others, (x, y), dict(zip(places, map(value, rows), strict=True)), distance
-                    )
-                    for value, distance in (
-                        (self._below_one, below_one),
-                        (self._margin, least_margin),
-                    )
-                )
+                edge = partial(self._edge, others, (x, y), dict(zip(places, rows, strict=True)))
+                simulated = almost_surely_below_one, MOST_SIMULATED, HALVINGS_SIMULATED
+                almost = edge(self._almost_below_one, *simulated) if self._draws else None
                 yield StudyMap(
                     name or f"{count_of(len(cells), 'cell')}",
                     x,
@@ -154,27 +153,47 @@ class StudyReport:
                     _array(one.converged.value for one in cells),
                     _array(self._quantiles(places)[0] for places in rows),
                     np.array([one.results < one.runs for one in cells]),
-                    radius,
-                    margin,
+                    edge(self._below_one, below_one),
+                    edge(self._margin, least_margin),
                     self._impaired,
+                    almost,
                 )
 
     def _edge(
         self,
         others: Mapping[str, Any],
         keys: tuple[str, str],
-        values: Mapping[tuple[float, float], float | None],
+        rows: Mapping[tuple[float, float], Sequence[int]],
+        value_of: Callable[[Sequence[int]], float | None],
         distance: Distance,
+        *effort: int,
     ) -> Array:
-        """Return where theory has a boundary, (places, 2)."""
+        """Return where theory has a boundary among cells of some rows, (places, 2)."""
         if not self._scenarios[0]:
             return np.empty((0, 2))
-        found = theory_boundary(self._scenarios[0], others, keys, values, distance)
+        values = {place: value_of(there) for place, there in rows.items()}
+        found = theory_boundary(self._scenarios[0], others, keys, values, distance, *effort)
         return np.array(found).reshape(-1, 2)
 
     def _below_one(self, places: Sequence[int]) -> float | None:
         radius = self._mean("spectral_radius", places)
         return None if radius is None else 1.0 - radius
+
+    def _almost_below_one(self, places: Sequence[int]) -> float | None:
+        growth = self._growth(places)
+        return None if growth is None else 1.0 - growth
+
+    def _growth(self, places: Sequence[int]) -> float | None:
+        """Return e^λ of some rows: the middle of its confidence."""
+        low, high = (self._mean(name, places) for name in ALMOST_SURE)
+        return None if low is None or high is None else (low + high) / 2
+
+    @cached_property
+    def _draws(self) -> bool:
+        """Whether links somewhere draw what they lose, so that e^λ is not ρ."""
+        columns = self._table.columns
+        pairs = zip(columns["almost_sure"], columns["spectral_radius"], strict=True)
+        return any(almost is not None and almost != radius for almost, radius in pairs)
 
     def _margin(self, places: Sequence[int]) -> float | None:
         return self._mean("margin", places)
@@ -223,6 +242,7 @@ class StudyReport:
             {law: _array(b.get(law) for b in bounds) for law in names},
             _array(self._mean("measured_rate", places) for places in rows),
             _array(self._mean("spectral_radius", places) for places in rows),
+            _array(map(self._growth, rows)) if self._draws else None,
         )
 
     def _grouped(self, along: Sequence[str]) -> Iterator[tuple[str, list[CellStatistics]]]:

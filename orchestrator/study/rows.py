@@ -61,6 +61,9 @@ class StudyRow:
     """Of theory: `converges`, `diverges`, …; as `nrs check` has it."""
     spectral_radius: float | None = None
     spectral_radius_lower: float | None = None
+    almost_sure: float | None = None
+    """e^λ, which almost every run grows by, at most; by simulation where samples are lost."""
+    almost_sure_lower: float | None = None
     margin: float | None = None
     """The smallest of the conditions, as a part of its bound; below 0 where one is violated."""
     critical_loss: float | None = None

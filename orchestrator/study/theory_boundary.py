@@ -1,7 +1,8 @@
 """Where theory has its boundaries on a map, between its points: where ρ = 1, where a margin is 0.
 
-ρ is of the links of each place, of the root of the mean square where they lose samples; conditions
-are of links without faults. On each line of the map, along either axis, neighbours on two sides of
+ρ is of the links of each place, of the root of the mean square where they lose samples: there
+almost every run converges up to e^λ = 1, which simulation finds (statement L4). Conditions are of
+links without faults. On each line of the map, along either axis, neighbours on two sides of
 a boundary are bisected by theory alone, which runs nothing. Of many such pairs some are taken,
 evenly, so that it is a matter of seconds.
 """
@@ -13,13 +14,15 @@ from typing import Any
 
 from nrs_cosim.bus.errors import CosimError
 from nrs_cosim.orchestrator.analysis.conditions import conditions_of
-from nrs_cosim.orchestrator.analysis.link_recursions import radius_over
+from nrs_cosim.orchestrator.analysis.link_recursions import growth_over, radius_over
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.study.axes import rounded
 from nrs_cosim.orchestrator.study.point_run import smallest_margin
 from nrs_cosim.orchestrator.study.points import PointReader
 
 MOST, HALVINGS = 32, 6
+MOST_SIMULATED, HALVINGS_SIMULATED = 12, 3
+"""Where a place takes a fifth of a second, and is within a hundredth or so of λ."""
 Place = tuple[float, float]
 Distance = Callable[[Experiment], float]
 
@@ -30,6 +33,8 @@ def theory_boundary(
     keys: tuple[str, str],
     values: Mapping[Place, float | None],
     distance: Distance,
+    most: int = MOST,
+    halvings: int = HALVINGS,
 ) -> list[Place]:
     """Return places (x, y) on a boundary among cells with such values.
 
@@ -38,16 +43,17 @@ def theory_boundary(
     """
     found, reader = [], PointReader(bases)
     pairs = [*_pairs(values, 0), *_pairs(values, 1)]
-    step = max(len(pairs) / MOST, 1)
+    step = max(len(pairs) / most, 1)
 
     def value_at(place: Place) -> float:
         at = {**others, **dict(zip(keys, place, strict=True))}
         return distance(reader.at(at).experiment)
 
-    for number in range(min(len(pairs), MOST)):
+    for number in range(min(len(pairs), most)):
         axis, low, high = pairs[int(number * step)]
         try:
-            place = _bisected(value_at, keys[axis], axis, (low, high), values[low] or 0.0)
+            first = values[low] or 0.0
+            place = _bisected(value_at, keys[axis], axis, (low, high), first, halvings)
         except CosimError:
             continue
         found += [place] if place else []
@@ -57,6 +63,12 @@ def theory_boundary(
 def below_one(experiment: Experiment) -> float:
     """Return how far ρ is below 1, of bounds the upper; not a number where it is not known."""
     return 1.0 - radius_over(experiment).upper
+
+
+def almost_surely_below_one(experiment: Experiment) -> float:
+    """Return how far e^λ is below 1, of its confidence's middle; nan where it is not known."""
+    found = growth_over(experiment)
+    return 1.0 - (found.lower + found.upper) / 2
 
 
 def least_margin(experiment: Experiment) -> float:
@@ -81,11 +93,16 @@ def _pairs(values: Mapping[Place, float | None], axis: int) -> list[tuple[int, P
 
 
 def _bisected(
-    value_at: Callable[[Place], float], key: str, axis: int, pair: Sequence[Place], first: float
+    value_at: Callable[[Place], float],
+    key: str,
+    axis: int,
+    pair: Sequence[Place],
+    first: float,
+    halvings: int,
 ) -> Place | None:
     low, high = pair
     far = low[axis] > 0 and high[axis] > 4 * low[axis]
-    for _ in range(HALVINGS):
+    for _ in range(halvings):
         a, b = low[axis], high[axis]
         middle = rounded(key, sqrt(a * b) if far else (a + b) / 2)
         place = (middle, low[1]) if axis == 0 else (low[0], middle)

@@ -2,7 +2,9 @@
 
 A map has in each cell the share of runs that converged, or the median error of those that did; over
 it lies what theory says without a run: where ρ = 1, and where the smallest margin of the conditions
-is 0. Cells of refined axes are drawn up to the next value; points drawn at random are dots.
+is 0. Where links draw what they lose, ρ is of mean squares, and the line up to which almost every
+run converges is beside it. Cells of refined axes are drawn up to the next value; points drawn at
+random are dots.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +24,8 @@ from numpy.typing import NDArray
 from nrs_cosim.recordings.report.print import INKS, METADATA, STYLE, write_pages
 
 Array = NDArray[np.float64]
-_RADIUS, _MARGIN = "#c2255c", "#1b1f24"
+_RADIUS, _MARGIN, _ALMOST = "#c2255c", "#1b1f24", "#7048e8"
+_ALMOST_NAME, _MEAN_SQUARE = "e^λ = 1, almost surely (by simulation)", "mean-square radius"
 _NONE = "#d5d9de"
 _OUTLINED = [withStroke(linewidth=2.5, foreground="white")]
 """So that a mark is seen on each colour of a map."""
@@ -49,6 +52,8 @@ class StudyMap:
     """Where the smallest margin of the conditions is 0, (places, 2)."""
     impaired: bool = False
     """Whether links have faults, which ρ is of and the conditions are not."""
+    almost_sure: Array | None = None
+    """Where e^λ = 1, (places, 2); None where links draw nothing, so that it is ρ."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +70,8 @@ class StudyLine:
     """On that error, by name."""
     rate: Array
     radius: Array
+    growth: Array | None = None
+    """e^λ; None where links draw nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,10 +194,13 @@ def _marks(axes: Axes, one: StudyMap) -> list[Any]:
     """Draw where theory has its boundaries, and runs failed; return what the legend says of it."""
     failed = np.stack([one.x, one.y], axis=1)[one.failed]
     handles, of = [], ", of links without faults" * one.impaired
+    draws = one.almost_sure is not None
+    almost = np.empty((0, 2)) if one.almost_sure is None else one.almost_sure
     for places, marker, size, colour, name in (
         (failed, "s", 7, "none", "a run failed"),
         (one.margin, "x", 6, _MARGIN, f"conditions{of}: margin 0"),
-        (one.radius, ".", 6, _RADIUS, "theory: ρ = 1"),
+        (one.radius, ".", 6, _RADIUS, f"theory: {_MEAN_SQUARE if draws else 'ρ'} = 1"),
+        (almost, "^", 4, _ALMOST, f"theory: {_ALMOST_NAME}"),
     ):
         if len(places):
             look: Any = {"ls": "", "ms": size, "marker": marker, "color": colour, "label": name}
@@ -212,9 +222,11 @@ def _draw_slice(sheet: Any, one: StudySlice) -> None:
         for (name, bound), style in zip(line.bounds.items(), ("--", ":", "-."), strict=False):
             error.plot(line.x, bound, style, color=colour, label=name if number == 0 else None)
         rate.plot(line.x, line.rate, ".", color=colour, label="measured" if number == 0 else None)
-        rate.plot(
-            line.x, line.radius, "-", color=colour, label="theory: ρ" if number == 0 else None
-        )
+        name = f"theory: {'ρ' if line.growth is None else _MEAN_SQUARE}"
+        rate.plot(line.x, line.radius, "-", color=colour, label=name if number == 0 else None)
+        if line.growth is not None:
+            name = "theory: e^λ, almost surely"
+            rate.plot(line.x, line.growth, "--", color=colour, label=name if number == 0 else None)
     rate.axhline(1.0, color="#9aa2ab", lw=0.8)
     share.set_ylim(-0.03, 1.03)
     for axes, title in (
@@ -271,10 +283,18 @@ def _is_logarithmic(values: Array) -> bool:
 
 
 def write_radius_map(
-    names: tuple[str, str], values: tuple[Array, Array], radius: Array, path: Path, form: str
+    names: tuple[str, str],
+    values: tuple[Array, Array],
+    radius: Array,
+    growth: Array | None,
+    path: Path,
+    form: str,
 ) -> None:
-    """Write ρ, (y, x), over two axes of numbers, with the line where it is 1."""
-    x, y = values
+    """Write ρ, (y, x), over two axes of numbers, with the line where it is 1.
+
+    And that where e^λ is 1, where samples are lost; ρ is of the mean square there.
+    """
+    (x, y), name = values, "ρ" if growth is None else _MEAN_SQUARE
     with mpl.rc_context(STYLE):
         sheet = Sheet(figsize=(5.4, 4.0), layout="constrained")
         axes = sheet.subplots()
@@ -283,12 +303,21 @@ def write_radius_map(
         drawn = axes.pcolormesh(
             _edges(x), _edges(y), shown, cmap="RdYlBu_r", vmin=0.0, vmax=2.0, rasterized=True
         )
-        if min(len(x), len(y)) > 1 and np.nanmin(shown) < 1 < np.nanmax(shown):
-            axes.contour(x, y, shown, levels=[1.0], colors=[_RADIUS])
-        axes.set(xlabel=names[0], ylabel=names[1], title="theory: ρ of the estimates")
-        for line, scale in ((x, axes.set_xscale), (y, axes.set_yscale)):
-            if _is_logarithmic(line):
+        handles = []
+        for grid, colour, line in (
+            (shown, _RADIUS, f"{name} = 1"),
+            (growth, _ALMOST, _ALMOST_NAME),
+        ):
+            known = np.empty(0) if grid is None else grid[np.isfinite(grid)]
+            if min(len(x), len(y)) > 1 and len(known) and known.min() < 1 < known.max():
+                axes.contour(x, y, grid, levels=[1.0], colors=[colour])
+                handles += axes.plot([], [], color=colour, label=line)
+        axes.set(xlabel=names[0], ylabel=names[1], title=f"theory: {name} of the estimates")
+        if growth is not None and handles:
+            sheet.legend(handles=handles, loc="outside lower center", ncols=2)
+        for ticks, scale in ((x, axes.set_xscale), (y, axes.set_yscale)):
+            if _is_logarithmic(ticks):
                 scale("log")
         axes.grid(visible=False)
-        sheet.colorbar(drawn, ax=axes, label="ρ, up to 2")
+        sheet.colorbar(drawn, ax=axes, label=f"{name}, up to 2")
         sheet.savefig(path, format=form, dpi=160, metadata=METADATA[form])

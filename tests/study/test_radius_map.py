@@ -8,7 +8,10 @@ import pytest
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.analysis.conditions import check
-from nrs_cosim.orchestrator.study.radius_map import radius_map
+from nrs_cosim.orchestrator.analysis.convergence import UNKNOWN
+from nrs_cosim.orchestrator.study import radius_map as module
+from nrs_cosim.orchestrator.study.axes import axis_of, with_draw
+from nrs_cosim.orchestrator.study.radius_map import RadiusMap, _growth_beyond, radius_map
 from tests.cases import cases
 from tests.command import nrs
 from tests.scenarios import paper, toml
@@ -50,7 +53,10 @@ def radius(alpha, beta, h, delay, loss):
 
 
 @pytest.mark.parametrize("seed", range(cases(34, 3)))
-def test_points_of_maps_over_any_two_axes_are_those_of_dense_matrices_and_of_check(seed):
+def test_points_of_maps_over_any_two_axes_are_those_of_dense_matrices_and_of_check(
+    seed, monkeypatch
+):
+    monkeypatch.setattr(module, "growth_over", lambda _: UNKNOWN)  # takes its time, and is no ρ
     rng = np.random.default_rng(seed)
     x, y = rng.choice(list(RANGES), 2, replace=False)
     if seed == 1:
@@ -100,3 +106,31 @@ def test_the_command_prints_marks_json_and_a_figure(tmp_path):
 def test_axes_that_make_no_map_are_refused(over, why):
     with pytest.raises(InputError, match=why):
         radius_map(paper(SECOND), over)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_almost_every_run_does_is_looked_for_on_both_sides_of_its_line(seed):
+    """On fields with one line each; where ρ is below 1 nowhere all places are looked at."""
+    rng = np.random.default_rng(seed)
+    x, y = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 7))
+    growth = 0.6 + x * rng.uniform(0.2, 0.8) + y * rng.uniform(0.2, 0.8)
+    radius = growth + (0.05 + 0.2 * y if seed else 1.0)
+    found, _ = _growth_beyond(radius, lambda place: (growth[place],) * 2)
+    seen = np.isfinite(found)
+    assert (found[seen] == growth[seen]).all()
+    assert seen.all() == (seed == 0)
+    for axis in (0, 1):
+        inside = np.swapaxes(growth < 1, 0, axis)
+        pairs = inside[1:] != inside[:-1]
+        there = np.swapaxes(seen, 0, axis)
+        assert (there[1:] & there[:-1])[pairs].all()
+
+
+def test_places_where_almost_every_run_converges_have_a_mark_and_numbers():
+    axes = with_draw([axis_of("--over", text) for text in ("k.x=1,2", "k.y=3,4")], None)
+    radius = np.array([[0.9, 1.1], [1.2, 1.3]])
+    growth = np.array([[0.8, 0.95], [0.99, 1.1]])
+    made = RadiusMap((axes[0], axes[1]), radius, radius, (growth - 0.02, growth + 0.02))
+    assert [made.lines()[row] for row in "43"] == ["##", ".o"]  # 0.99 may be 1.01
+    assert made.lines()["marks"].startswith(". ρ < 1, o ρ >= 1, and almost every run converges")
+    assert made.as_json()["almost_sure"][0] == pytest.approx([0.82, 0.97])

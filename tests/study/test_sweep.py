@@ -146,6 +146,8 @@ def test_a_loss_of_links_is_an_axis_and_the_row_has_the_critical_one():
         assert link["loss"] == json.loads(row.point)["faults.links.0.loss"]
         theory = nrs.check(study.scenario(row.key)).as_json()
         assert row.critical_loss == theory["links"]["loss"]["critical"]
+        growth = theory["links"]["simulated"]
+        assert [row.almost_sure_lower, row.almost_sure] == [growth["lower"], growth["upper"]]
         assert row.spectral_radius == theory["links"]["loss"]["mean_square"]["upper"]
         assert row.convergence == theory["convergence"]
 
