@@ -29,6 +29,7 @@ from nrs_cosim.bus.text import quoted
 from nrs_cosim.bus.topics import Topics
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.container import Closing
+from nrs_cosim.recordings.theory_record import TheoryRecord
 
 RUN = "nrs.run"
 """The metadata record that describes the run: seed, robots, joints, ticks, periods, plants."""
@@ -38,6 +39,8 @@ SPENT, REJECTED, CAUSE, SAMPLES = "spent", "rejected", "cause", "samples"
 run early."""
 MEASURED = "measured"
 """Is said at the end of a run that came to it, as JSON: the steady state that was measured."""
+THEORY = "theory"
+"""Is said at the end of a run that came to it, as JSON: what was measured beside the theory."""
 LINKS = "links"
 """Is said at the end of a run that has link events, as JSON: how many samples met what."""
 PARENT = "nrs.parent"
@@ -187,6 +190,7 @@ class EndRecord(_Record):
     """Of what was recovered: the digest of all of the run, empty if unknown."""
     rejected: Json[dict[str, Annotated[int, Field(ge=0)]]] | None = None
     measured: Json[MeasuredRecord] | None = None
+    theory: Json[TheoryRecord] | None = None
     links: Json[LinkRecord] | None = None
     samples: Annotated[Whole, Field(ge=0)] | None = None
     """How many of the messages are samples of robots."""

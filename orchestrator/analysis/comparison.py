@@ -146,6 +146,7 @@ class TheoryComparison:
         return {
             "why_not": self.why_not,
             "quantities": rows,
+            "transient": finite(self.left),
             "spectral_radius": self.spectral_radius,
             "measured_radius": self.measured_radius,
             "untracked": self.untracked,

@@ -1,7 +1,8 @@
 """What links do to convergence, in lines by name and in the sentence that follows from them."""
 
+from collections.abc import Mapping
 from math import isnan
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from nrs_cosim.bus.plurals import count_of
 from nrs_cosim.orchestrator.scenario.robot_ids import multiple
@@ -10,7 +11,6 @@ if TYPE_CHECKING:
     from nrs_cosim.estimator_agents.theory.aperiodic import RadiusBounds
     from nrs_cosim.estimator_agents.theory.delays import DelayMargin
     from nrs_cosim.orchestrator.analysis.links import LinkAnalysis, LossAnalysis
-    from nrs_cosim.orchestrator.analysis.noise import NoiseAnalysis
 
 CONVERGE = "the estimates converge to a neighbourhood of the target"
 _PERIOD = "sampling period"
@@ -56,21 +56,21 @@ def links_sentence(links: "LinkAnalysis") -> str:
     return f"{number}{status}{how}" + f" ({links.source})" * bool(links.source)
 
 
-def noise_sentence(noise: "NoiseAnalysis") -> str:
+def noise_sentence(noise: Mapping[str, Any]) -> str:
     """Say what noise comes to, and came to in a run, of the robot that has the most of it."""
-    if noise.floor is None:
-        return f"what it comes to is not known: {noise.why_not}"
-    worst = noise.floor.deviation.argmax(axis=1)
+    deviation, measured, expected = (noise[key] for key in ("deviation", "measured", "expected"))
+    if deviation is None:
+        return f"what it comes to is not known: {noise['why_not']}"
     parts = []
-    for part, (name, robot) in enumerate(zip(("positions", "velocities"), worst, strict=True)):
-        text = f"{name} {noise.floor.deviation[part, robot]:.4g} at robot {robot + 1}"
-        if noise.measured is not None and noise.expected is not None:
-            low, high = noise.expected[part, robot]
-            text += (
-                f" ({noise.measured[part, robot]:.4g} measured; {low:.4g} to {high:.4g} expected)"
-            )
+    for name, part in (("positions", "position"), ("velocities", "velocity")):
+        most = max(deviation[part])
+        robot = deviation[part].index(most)
+        text = f"{name} {most:.4g} at robot {robot + 1}"
+        if measured is not None and expected is not None:
+            low, high = expected[part][robot]
+            text += f" ({measured[part][robot]:.4g} measured; {low:.4g} to {high:.4g} expected)"
         parts.append(text)
-    return f"standard deviation at most: {', '.join(parts)} ({noise.source})"
+    return f"standard deviation at most: {', '.join(parts)} ({noise['source']})"
 
 
 def _late(links: "LinkAnalysis") -> str:

@@ -32,7 +32,7 @@ def info(
         bool,
         typer.Option(
             "--verify",
-            help="Compute digest and errors from the messages; do not take them as stored.",
+            help="Compute digest, errors and theory anew; do not take them as stored.",
         ),
     ] = False,
 ) -> None:
@@ -40,8 +40,8 @@ def info(
 
     What a run stored at its end is taken where every checksum of the file agrees.
     """
-    from nrs_cosim.orchestrator.analysis.results import Result
-    from nrs_cosim.orchestrator.cli import summary_text
+    from nrs_cosim.orchestrator.analysis.results import Result, wrong_theory
+    from nrs_cosim.orchestrator.cli.comparison_text import theory_comparison
     from nrs_cosim.orchestrator.cli.progress import reading
     from nrs_cosim.orchestrator.cli.tables import grid
     from nrs_cosim.orchestrator.engine.link_summary import wrong_links
@@ -56,13 +56,14 @@ def info(
         wrong = (
             wrong_measurement(reader, result.measured),
             wrong_links(reader, experiment, result.described["links"]),
+            wrong_theory(reader, result.theory),
         )
         reader.damage += filter(None, wrong)
     if as_json:
         print_json(result.as_json())
         return
     grid(out, result.lines())
-    summary_text.theory_comparison(out, result.theory)
+    theory_comparison(out, result.theory)
     for damage in reader.damage:
         say("yellow", "damage", damage)
 

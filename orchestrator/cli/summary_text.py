@@ -10,8 +10,8 @@ from rich.markup import escape
 from rich.table import Column
 
 from nrs_cosim.orchestrator.analysis.conclusion import conclusion
+from nrs_cosim.orchestrator.cli.comparison_text import number, stated
 from nrs_cosim.orchestrator.cli.conclusion_text import conclusion_sentence
-from nrs_cosim.orchestrator.cli.links_text import noise_sentence
 from nrs_cosim.orchestrator.cli.tables import findings_table, grid, table
 from nrs_cosim.orchestrator.cli.theory_text import ALL_HONEST, bound_rows, convergence_rows
 from nrs_cosim.orchestrator.scenario.robot_ids import decimals
@@ -20,7 +20,6 @@ from nrs_cosim.orchestrator.terminal import prose
 if TYPE_CHECKING:
     from nrs_cosim.estimator_agents.condition import Condition
     from nrs_cosim.orchestrator.analysis.bounds import Bound, UltimateBounds
-    from nrs_cosim.orchestrator.analysis.comparison import ComparedQuantity, TheoryComparison
     from nrs_cosim.orchestrator.analysis.conditions import Check
     from nrs_cosim.orchestrator.cli.doctor import Diagnosis
     from nrs_cosim.orchestrator.engine.run import Profile
@@ -36,9 +35,6 @@ _MARKS = {
     "warning": "[yellow]warning[/]",
 }
 _BOUNDS = ("steady state", "worst case", "paper")
-
-NEAR = 0.01
-"""By how much a measured spectral radius may differ without a word."""
 
 
 def theory_table(
@@ -82,71 +78,8 @@ def _condition(c: "Condition", status: str) -> tuple[str, ...]:
 def _bounds(row: "Bound") -> tuple[str, ...]:
     """Return a row of bounds."""
     name = f"{row.name}, [yellow]sampled[/]" if row.sampled else row.name
-    return name, _number(row.steady_state), _number(row.worst_case), _stated(row)
-
-
-def theory_comparison(console: Console, compared: "TheoryComparison") -> None:
-    """Show a run's measurements beside the theory's bounds, and its status."""
-    if compared.why_not:
-        rows = {"theory": f"has no bounds for this run: {compared.why_not}"}
-        if compared.noise:
-            rows["noise"] = noise_sentence(compared.noise)
-        if of := compared.mean_squares:
-            shown = (f"{one.name} {one.measured:.4g}, expected {one.expected:.4g}" for one in of)
-            rows["rms"] = f"in the last fifth {'; '.join(shown)} (statement L6)"
-        grid(console, rows)
-        return
-    lines = []
-    for row in compared.quantities:
-        bound = row.bound
-        numbers = map(_number, (row.measured, bound.steady_state, bound.worst_case))
-        lines.append((bound.name, *numbers, _stated(bound), _status(row)))
-    if compared.measured_radius is not None and compared.spectral_radius is not None:
-        radii = (f"{compared.measured_radius:.4f}", f"{compared.spectral_radius:.4f}")
-        lines.append(("rho", *radii, "", "", "each tick"))
-    table(console, (*_columns("last fifth", "measured", *_BOUNDS), Column()), lines)
-    grid(console, _beside(compared))
-
-
-def _status(row: "ComparedQuantity") -> str:
-    """Show whether a measurement is within what is proven."""
-    where = f", at k = {row.tick}" if row.status == "exceeded" else ""
-    colour = {"within": "green", "exceeded": "red"}.get(row.status, "yellow")
-    return f"[{colour}]{row.status}{where}[/]"
-
-
-def _beside(compared: "TheoryComparison") -> dict[str, str]:
-    """Return lines on what is above a bound of the steady state and yet breaks none."""
-    rows, left = {}, compared.left
-    known = [row for row in compared.quantities if row.status != "exceeded"]
-    over = [row for row in known if {*row.above} - {"paper"}]
-    loose = [row.bound.name for row in known if row.above == ("paper",)]
-    if left is not None or over:
-        begun = (
-            "what the initial error still contributes is not known"
-            if left is None
-            else f"the initial error still contributes up to {left:.4g}"
-        )
-        above = "".join(f"; {row.bound.name} is above {' and '.join(row.above)}" for row in over)
-        rows["transient"] = f"{begun}{above}"
-    if compared.untracked:
-        rows["bounds"] = f"none of tracking: {compared.untracked}"
-    if loose:
-        rows["paper"] = f"{' and '.join(loose)} above it: its bounds of tracking are not proven"
-    seen, computed = compared.measured_radius, compared.spectral_radius
-    if seen is not None and computed is not None and abs(seen - computed) > NEAR:
-        rows["rho"] = "the computed one is of the steady state, and this run's is not near it"
-    return rows
-
-
-def _stated(row: "Bound") -> str:
-    """Show the paper's bound, and whether it does not follow from the paper's proof."""
-    unproven = ", [yellow]unproven[/]" * (row.unproven and row.paper is not None)
-    return _number(row.paper) + unproven
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
+    paper = stated(row.paper, unproven=row.unproven)
+    return name, number(row.steady_state), number(row.worst_case), paper
 
 
 def fmu_findings(console: Console, checked: "FmuCheck") -> None:

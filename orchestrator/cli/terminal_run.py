@@ -12,8 +12,9 @@ from nrs_cosim.bus.clock import Clock, seconds
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.text import quoted, storable
-from nrs_cosim.orchestrator.analysis.results import Result
+from nrs_cosim.orchestrator.analysis.results import Result, theory_beside
 from nrs_cosim.orchestrator.cli import progress, summary_text
+from nrs_cosim.orchestrator.cli.comparison_text import theory_comparison
 from nrs_cosim.orchestrator.cli.output_paths import expect_unlocked, place_for
 from nrs_cosim.orchestrator.cli.tables import grid
 from nrs_cosim.orchestrator.cluster.launcher import local_workers, remote_workers, workers_worth_it
@@ -139,6 +140,7 @@ def perform(
             past=past,
             metadata=metadata,
             pace=pace,
+            more=lambda path: theory_beside(path, experiment),
         )
         path = place.settle(outcome.status == "completed")
     whole = path.absolute()
@@ -174,7 +176,7 @@ def _show(result: Result, outcome: Outcome, path: Path, clock: Clock, pace: Pace
     if outcome.rejected:
         rows["rejected"] = _counted(outcome)
     grid(out, rows | last)
-    summary_text.theory_comparison(out, result.theory)
+    theory_comparison(out, result.theory)
 
 
 def pace_of(factor: float | None) -> Pace:

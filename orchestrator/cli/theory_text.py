@@ -244,7 +244,7 @@ def bound_rows(ultimate: "UltimateBounds") -> dict[str, str]:
             f"kappa = {ultimate.paper.kappa:.4g} per s ({norm.family})"
         )
     if ultimate.noise:
-        rows["noise"] = noise_sentence(ultimate.noise)
+        rows["noise"] = noise_sentence(ultimate.noise.as_json())
     if ultimate.gaps is not None:
         rows["silence"] = _silence(ultimate.gaps, ultimate.recursions[0].h)
     for part in ultimate.robots:

@@ -3,7 +3,7 @@
 import json
 import platform
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from functools import cache
@@ -123,6 +123,7 @@ def run(
     past: Iterator[list[Message]] | None = None,
     metadata: Mapping[str, Mapping[str, str]] | None = None,
     pace: Pace = NO_PACE,
+    more: Callable[[Path], Mapping[str, str]] = lambda _path: {},
 ) -> Outcome:
     """Run an experiment into a recording.
 
@@ -131,7 +132,8 @@ def run(
     t_0 is raised and leaves no file; a later one is the outcome's. `deadline`, s, goes before the
     scenario's. `past` are the ticks from 0 on, as messages, that an earlier recording of the same
     run has: they are copied, and the run goes on after them. `metadata` joins the recording's own.
-    `pace` is the fastest at which ticks close.
+    `pace` is the fastest at which ticks close. Of a run that comes to its end, what `more` returns
+    of the recording joins what is said there; it is whole when that is called.
     """
     clock, n, scenario = experiment.clock, experiment.n, experiment.scenario
     every, faulty = scenario.run.checkpoint_every, experiment.faulty
@@ -216,7 +218,7 @@ def run(
         }
         if cause:
             extra[CAUSE] = json.dumps(asdict(cause))
-        writer.finish(status, reason, extra)
+        writer.finish(status, reason, extra, lambda: more(output))
     done = max(recorder.closed, 0)
     return Outcome(
         status,

@@ -9,7 +9,7 @@ from nrs_cosim.recordings.errors import UncreatableError
 from nrs_cosim.recordings.mcap.container import END_FIELDS, PART, Channel, Closing, Schema
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.mcap.writer import Writer
-from nrs_cosim.recordings.metadata import LINKS, MEASURED
+from nrs_cosim.recordings.metadata import LINKS, MEASURED, THEORY
 
 
 def copy_of(
@@ -43,7 +43,8 @@ def ending(reader: Reader) -> tuple[Closing, str, dict[str, str]]:
     its reason begins with "recovered from", and it says that its digest is a part's.
     """
     if reader.status != "unfinished" and reader.digest:
-        left = END_FIELDS | ({MEASURED, LINKS} if reader.computed else set())  # are found anew
+        anew = {MEASURED, LINKS, THEORY} if reader.computed else set()
+        left = END_FIELDS | anew
         extra = {name: said for name, said in reader.end.items() if name not in left}
         return reader.status, reader.reason, extra
     what = "; ".join(filter(None, (reader.status, reader.reason, *reader.damage)))

@@ -13,7 +13,7 @@ only when its predecessor is in the file.
 import json
 import time
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -181,9 +181,15 @@ class Writer:
         self._wait()
 
     def finish(
-        self, status: Closing, reason: str = "", extra: Mapping[str, str] | None = None
+        self,
+        status: Closing,
+        reason: str = "",
+        extra: Mapping[str, str] | None = None,
+        more: Callable[[], Mapping[str, str]] = dict,
     ) -> None:
         """Close the recording and say how the run ended; `extra` joins the end's metadata.
+
+        So does what `more` returns, which is called when the file is whole without it.
 
         Raises UnwritableError when the disk refuses a part, or when it is closed already. The
         file is closed in either case: with status "failed" when the last chunk alone is missing,
@@ -204,8 +210,10 @@ class Writer:
                 if status == "failed":
                     cause = replace(error.cause, tick=self._stored.ticks + 1)
                     extra = {**(extra or {}), CAUSE: json.dumps(asdict(cause))}
-            offset, _ = self._emit(self._tail(status, reason, extra or {}))
-            self._file.truncate(offset)
+            end = self._tail(status, reason, extra or {})
+            self._end(end)
+            if status == "completed" and (said := more()):
+                self._end_again(self._tail(status, reason, {**(extra or {}), **said}), end)
         finally:
             self._thread.shutdown()
             self._file.close()
@@ -324,6 +332,17 @@ class Writer:
             statistics=statistics,
             chunk_indexes=self._chunk_indexes[: stored.chunks],
         )
+
+    def _end(self, tail: bytes) -> None:
+        offset, _ = self._emit(tail)
+        self._file.truncate(offset)
+
+    def _end_again(self, tail: bytes, before: bytes) -> None:
+        """End with more; as before where there is no room for it."""
+        try:
+            self._end(tail)
+        except UnwritableError:
+            self._end(before)
 
     def _emit(self, data: bytes) -> tuple[int, int]:
         """Write at the end of what is stored; the new offset and CRC. Whole, or taken back."""

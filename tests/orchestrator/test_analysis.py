@@ -20,7 +20,7 @@ from nrs_cosim.orchestrator.analysis.comparison import (
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.analysis.plant_bounds import plant_bounds, tracking_conditions
 from nrs_cosim.orchestrator.analysis.plant_samples import Sampling
-from nrs_cosim.orchestrator.cli import summary_text
+from nrs_cosim.orchestrator.cli.comparison_text import theory_comparison
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import experiment_of, measure
 from nrs_cosim.orchestrator.scenario.file import read_scenario
@@ -144,7 +144,7 @@ def test_comparisons_with_the_theory_print_their_snapshot(snapshot):
         for bound in (BOUND, replace(BOUND, unproven=True)):
             row = ComparedQuantity(bound, measured, 10, 0.0, against_bound)
             for radius in (None, 0.1021, 0.9):
-                summary_text.theory_comparison(console, TheoryComparison("", (row,), 0.1, radius))
+                theory_comparison(console, TheoryComparison("", (row,), 0.1, radius).as_json())
                 written.write("\n")
     snapshot("comparison", masked(written.getvalue()))
 

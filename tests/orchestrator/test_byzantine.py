@@ -283,8 +283,8 @@ def test_errors_are_of_the_honest_robots_and_what_is_said_says_so(tmp_path):
     assert "Robot 2 lies: errors and envelopes are of honest robots." in lead(story)
     assert result.as_json()["byzantine"] == [2]
     assert result.lines()["byzantine"].startswith("robot 2 lies")
-    assert result.theory.why_not == "robots lie, and the theory is of robots that do not"
-    assert {row.status for row in result.theory.quantities} == {"unproven"}
+    assert result.theory["why_not"] == "robots lie, and the theory is of robots that do not"
+    assert {row["status"] for row in result.theory["quantities"]} == {"unproven"}
 
 
 NAMES = ("position", "velocity")

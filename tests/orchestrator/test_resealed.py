@@ -51,6 +51,7 @@ FIELDS = {
         "part_of",
         "measured",
         "links",
+        "theory",
     ],
 }
 PLANT = ["fmu", "name", "fmi_version", "kind", "drive", "why", "sha256", "robots"]
@@ -77,9 +78,8 @@ class Sealed:
             }
             if scenario is not None:
                 writer_of["attachments"] = scenario(writer_of["attachments"])
-            extra = {
-                name: reader.end[name] for name in ("spent", "rejected", "samples", "measured")
-            }
+            kept_of_end = ("spent", "rejected", "samples", "measured", "theory")
+            extra = {name: reader.end[name] for name in kept_of_end if name in reader.end}
             changed = ending or (lambda fields: fields)
 
             def other(*, fields, **transient):
