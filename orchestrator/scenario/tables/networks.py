@@ -16,6 +16,7 @@ from nrs_cosim.orchestrator.scenario.tables.values import (
     Text,
     Tick,
     Weight,
+    WhenGiven,
 )
 
 
@@ -123,7 +124,7 @@ class PhaseTable(InteractionTable):
 class Network(InteractionTable):
     """Who receives from whom, always the same or by phase."""
 
-    switching: tuple[PhaseTable, ...] | None = Field(
+    switching: tuple[Annotated[PhaseTable, WhenGiven(PhaseTable)], ...] | None = Field(
         None,
         min_length=1,
         description="phases of a switching topology, each from a tick to the next one's",

@@ -25,6 +25,7 @@ from nrs_cosim.orchestrator.scenario.tables.values import (
     Table,
     Text,
     TorqueLimit,
+    WhenGiven,
 )
 
 
@@ -224,8 +225,10 @@ class Scenario(Table):
         Disturbance.model_construct(), description="a torque from outside"
     )
     initial: Initial = Field(Initial.model_construct(), description="estimates and states at t_0")
-    robots: tuple[Robot, ...] = Field((), description="what single robots have of their own")
-    faults: Faults = Field(
+    robots: tuple[Annotated[Robot, WhenGiven(Robot)], ...] = Field(
+        (), description="what single robots have of their own"
+    )
+    faults: Annotated[Faults, WhenGiven(Faults)] = Field(
         Faults.model_construct(), description="what links and robots do to samples"
     )
     bus: BusTable = Field(

@@ -6,7 +6,18 @@ n is the number of robots and m the number of the target's axes.
 from math import isfinite
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    Tag,
+    ValidationInfo,
+)
+from pydantic_core import CoreSchema, core_schema
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
@@ -25,6 +36,24 @@ class Table(BaseModel):
     """A table whose keys are all known."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
+
+
+class WhenGiven:
+    """Of a key with a table that most scenarios have not: its schema is built where it is given."""
+
+    def __init__(self, table: type[Table]) -> None:
+        self._table = table
+
+    def __get_pydantic_core_schema__(self, _: Any, _handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.with_info_plain_validator_function(self._read)
+
+    def __get_pydantic_json_schema__(
+        self, _: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        return handler(self._table.__pydantic_core_schema__)
+
+    def _read(self, value: Any, info: ValidationInfo) -> Table:
+        return self._table.model_validate(value, context=info.context)
 
 
 NUMBER, TRUTH, TEXT = "a number", "true or false", "a text"
