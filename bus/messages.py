@@ -3,8 +3,9 @@
 All message types open with the same three fields, with explicit presence: proto3 then writes
 them even when they are zero, and a message always has the same length and the same bytes between
 its numbers. The declaration below is the only one: the protobuf descriptor that goes into
-recordings and the NumPy dtype that codes the bytes are both derived from it. Arrays are flat in
-protobuf, the last axis fastest; their shapes stand beside the schema. A blob alone has any size.
+recordings (`bus.descriptors`) and the NumPy dtype that codes the bytes are both derived from it.
+Arrays are flat in protobuf, the last axis fastest; their shapes stand beside the schema. A blob
+alone has any size.
 """
 
 from collections.abc import Mapping
@@ -15,11 +16,6 @@ from struct import Struct
 from typing import Any
 
 import numpy as np
-from google.protobuf.descriptor_pb2 import (
-    FieldDescriptorProto,
-    FileDescriptorProto,
-    FileDescriptorSet,
-)
 from numpy.typing import NDArray
 
 from nrs_cosim.bus.errors import BusError
@@ -30,14 +26,13 @@ HEADER = Struct("<xIxIxQ")
 
 FIXED64, BYTES, FIXED32 = 1, 2, 5
 """Wire types."""
-_COMMENTS = {
+COMMENTS = {
     "robot": "the robot's number, from 1; 0 is the target",
     "k": "the tick that closes this message's interval",
     "time_ns": "simulated time, ns",
     "data": "the plant's state and the estimator's, of this version's own form",
 }
-_MESSAGE_TYPE, _FIELD = 4, 2
-"""Of FileDescriptorProto and DescriptorProto, for the paths of comments."""
+"""What the fields that all messages have mean, and a blob's data."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +44,9 @@ class Count:
 
 
 OPENING: Mapping[str, Count] = {
-    "robot": Count(_COMMENTS["robot"]),
-    "k": Count(_COMMENTS["k"]),
-    "time_ns": Count(_COMMENTS["time_ns"], 64),
+    "robot": Count(COMMENTS["robot"]),
+    "k": Count(COMMENTS["k"]),
+    "time_ns": Count(COMMENTS["time_ns"], 64),
 }
 """What every message type begins with."""
 
@@ -81,43 +76,12 @@ class MessageType:
 
     def descriptor(self) -> bytes:
         """Return the serialised protobuf `FileDescriptorSet` that describes this type."""
-        file = FileDescriptorProto(
-            name=f"{self.name.replace('.', '/')}.proto",
-            package=self.name.rpartition(".")[0],
-            syntax="proto3",
-        )
-        message = file.message_type.add(name=self.name.rpartition(".")[2])
-        for number, name, entry in self.numbered:
-            declared = message.field.add(name=name, number=number, type=protobuf_type(entry))
-            if isinstance(entry, Field) and entry.shape:
-                declared.label = FieldDescriptorProto.LABEL_REPEATED
-                continue
-            declared.label = FieldDescriptorProto.LABEL_OPTIONAL
-            declared.proto3_optional, declared.oneof_index = True, len(message.oneof_decl)
-            message.oneof_decl.add(name=f"_{name}")
-        _comment(file, {name: entry.doc for name, entry in self._all().items()})
-        return FileDescriptorSet(file=[file]).SerializeToString()
+        from nrs_cosim.bus.descriptors import of_message  # noqa: PLC0415, it loads protobuf
+
+        return of_message(self)
 
     def _all(self) -> dict[str, Field | Count]:
         return {**OPENING, **self.entries}
-
-
-def protobuf_type(entry: Field | Count) -> FieldDescriptorProto.Type.ValueType:
-    """Return what an entry is in a descriptor."""
-    if isinstance(entry, Field):
-        return FieldDescriptorProto.TYPE_DOUBLE
-    wide = entry.bits > 32
-    return FieldDescriptorProto.TYPE_FIXED64 if wide else FieldDescriptorProto.TYPE_FIXED32
-
-
-def _comment(file: FileDescriptorProto, comments: Mapping[str, str]) -> None:
-    """Put comments on the fields of a file's only message, as protoc keeps them."""
-    for number, declared in enumerate(file.message_type[0].field):
-        file.source_code_info.location.add(
-            path=[_MESSAGE_TYPE, 0, _FIELD, number],
-            span=[number, 0, 0],
-            leading_comments=f" {comments[declared.name]}\n",
-        )
 
 
 SAMPLE = MessageType(
@@ -274,7 +238,7 @@ _TAGS = tuple(
 )
 _BLOB_HEAD = Struct("<BIBIBQ")
 """As `HEADER`, with the tags of the three fields."""
-_DATA = len(OPENING) + 1
+DATA = len(OPENING) + 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,16 +259,9 @@ class BlobType:
 
     def descriptor(self) -> bytes:
         """Return the serialised protobuf `FileDescriptorSet` that describes this type."""
-        files = FileDescriptorSet.FromString(MessageType(self.name, {}).descriptor())
-        files.file[0].message_type[0].field.add(
-            name="data",
-            number=_DATA,
-            type=FieldDescriptorProto.TYPE_BYTES,
-            label=FieldDescriptorProto.LABEL_OPTIONAL,
-        )
-        files.file[0].ClearField("source_code_info")
-        _comment(files.file[0], _COMMENTS)
-        return files.SerializeToString()
+        from nrs_cosim.bus.descriptors import of_blob  # noqa: PLC0415, as above
+
+        return of_blob(self)
 
     def encode(self, blob: Blob) -> bytes:
         """Return a message's bytes, as they travel; proto3 does not write data that are empty."""
@@ -344,7 +301,7 @@ STANDING_TYPES: tuple[MessageType | BlobType, ...] = (
 
 def _data_of(length: int) -> bytes:
     """Return what stands before the data of a blob."""
-    return bytes([_DATA << 3 | BYTES]) + _varint(length)
+    return bytes([DATA << 3 | BYTES]) + _varint(length)
 
 
 def _varint(value: int) -> bytes:

@@ -16,8 +16,9 @@ from google.protobuf.descriptor_pb2 import (
 )
 from google.protobuf.message import DecodeError
 
+from nrs_cosim.bus.descriptors import protobuf_type
 from nrs_cosim.bus.fields import Field, Fields, wrong_fields
-from nrs_cosim.bus.messages import OPENING, Count, MessageType, protobuf_type
+from nrs_cosim.bus.messages import OPENING, Count, MessageType
 from nrs_cosim.bus.text import quoted
 
 MOST_FIELDS = 1000

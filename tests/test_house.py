@@ -62,7 +62,9 @@ def test_check_and_info_load_nothing_that_they_do_not_use(tmp_path):
     scenario = nrs_cosim.Scenario.load(PAPER).replace({"run.duration": 1.0})
     nrs_cosim.run(scenario, recording).close()
     commands = {
-        ("check", PAPER): RUNS | OTHERS | {"mcap", "nrs_cosim.plant_fmu.checking"},
+        ("check", PAPER): RUNS
+        | OTHERS
+        | {"google.protobuf", "mcap", "nrs_cosim.plant_fmu.checking"},
         ("info", recording): RUNS | OTHERS | {"nrs_cosim.orchestrator.cli.option_groups"},
     }
     program = (
