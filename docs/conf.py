@@ -26,7 +26,8 @@ napoleon_google_docstring = True
 
 html_theme = "furo"
 html_title = "nrs-cosim"
-html_static_path: list[str] = []
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_show_sphinx = html_show_copyright = html_copy_source = False
 html_theme_options = {"navigation_with_keys": True}
 

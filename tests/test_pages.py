@@ -45,6 +45,9 @@ def test_the_site_is_built_without_a_warning_and_without_a_network(tmp_path):
             r'(?:src|rel="stylesheet"[^>]*href)="(https?:[^"]+)"', page.read_text("utf-8")
         )
         assert not loaded, page.name
+    index = (tmp_path / "site/genindex.html").read_text("utf-8")
+    assert 'href="_static/site.css' in index
+    assert "genindextable" in index  # of which the sheet makes one column on a phone
     names = (tmp_path / "site/python.html").read_text("utf-8")
     assert all(f'id="nrs_cosim.{name}"' in names for name in ("Scenario", "run", "Algorithm"))
 
