@@ -67,6 +67,8 @@ def plant_bounds(experiment: Experiment, find: Find | None = None) -> list[Bound
 
 def alike(experiment: Experiment) -> list[list[int]]:
     """Return the robots, those together that differ in nothing but where they start."""
+    if not experiment.scenario.robots:
+        return [[*range(1, experiment.n + 1)]]
     own = {robot.id: _table(robot) for robot in experiment.scenario.robots}
     none, together = _table(Robot(id=1)), defaultdict[str, list[int]](list)
     for number in range(1, experiment.n + 1):

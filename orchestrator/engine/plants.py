@@ -200,7 +200,8 @@ def open_fleet(
 
 def _group_key(plant: Plant) -> str:
     """Return what plants of one group have in common."""
-    return plant.model_dump_json(exclude={"parameters"})
+    # Not as JSON: pydantic would build the table's schema once more for it.
+    return repr([(key, value) for key, value in plant if key != "parameters"])
 
 
 def _open(

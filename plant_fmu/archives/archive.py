@@ -68,7 +68,7 @@ class Archive:
     @property
     def ours(self) -> bool:
         """Whether its bytes are those of an FMU that was built on this machine."""
-        return built_here(self.name, self.sha256) is not None
+        return self.bundled or built_here(self.name, self.sha256) is not None
 
     @property
     def tool(self) -> str:

@@ -4,6 +4,7 @@ The archive holds the binary of this platform and all sources, and is kept in th
 cache under a name that is keyed by what decides its bytes, the compiler excepted.
 """
 
+import functools
 import hashlib
 import shutil
 from collections.abc import Mapping, Sequence
@@ -147,32 +148,34 @@ def _files(
     other = f"fmi{5 - fmi}.c"
     shared = [path for path in MODELS.glob("*.[ch]") if path.name not in {other, *without}]
     sources = {path.name: path.read_bytes() for path in shared} | dict(equations)
-    anonymous = {**_files_with_token(model, sources, fmi, ""), **extra}
-    token = str(uuid5(NAMESPACE_OID, _digest(anonymous)))
-    return {**_files_with_token(model, sources, fmi, token), **extra}
-
-
-def _files_with_token(
-    model: Declaration, ours: Mapping[str, bytes], fmi: int, token: str
-) -> dict[str, bytes]:
-    sources = {**ours, **fmi_headers(fmi)}
-    sources["variables.h"] = c_header(model, token).encode()
-    sources["variables.c"] = c_tables(model).encode()
+    sources |= fmi_headers(fmi) | {"variables.c": c_tables(model).encode()}
     units = sorted(name for name in sources if name.endswith(".c"))
     if fmi == 3:
         sources["buildDescription.xml"] = build_description(model, units)
-    description = model_description(model, fmi, token, units)
-    files = {f"sources/{name}": text for name, text in sources.items()}
-    return {"modelDescription.xml": description, **files}
+    known = {f"sources/{name}": text for name, text in sources.items()} | dict(extra)
+
+    def with_token(token: str) -> dict[str, bytes]:
+        return {
+            **known,
+            "modelDescription.xml": model_description(model, fmi, token, units),
+            "sources/variables.h": c_header(model, token).encode(),
+        }
+
+    return with_token(str(uuid5(NAMESPACE_OID, _digest(with_token("")))))
 
 
 def fmi_headers(fmi: int) -> dict[str, bytes]:
     """FMI's headers of version 2 or 3, by name."""
-    fmpy = find_spec("fmpy")  # without being loaded
-    assert fmpy is not None
-    vendor = Path(str(fmpy.origin)).parent / "c-code"
     names = [f"fmi{fmi}{suffix}" for suffix in _HEADERS] + [_PLATFORM_HEADER[fmi]]
-    return {name: (vendor / name).read_bytes() for name in names}
+    return {name: (_vendor() / name).read_bytes() for name in names}
+
+
+@functools.cache
+def _vendor() -> Path:
+    """Where FMPy has them, which is not loaded for that."""
+    fmpy = find_spec("fmpy")
+    assert fmpy is not None
+    return Path(str(fmpy.origin)).parent / "c-code"
 
 
 def _digest(files: dict[str, bytes]) -> str:
