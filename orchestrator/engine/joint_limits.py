@@ -35,25 +35,27 @@ def beyond_limits(experiment: Experiment) -> list[str]:
             limits = position_limits(group.archive.urdf, names)
         except ValueError:  # it is not of a URDF
             continue
+        if len(limits) != experiment.m:  # it is no plant of this scenario, and is refused as one
+            continue
         starts = np.array([body.q for body in experiment.bodies(robots)])
-        who = numbered("robot", robots, _SPANS)
-        for what, q in (("the target comes", target), (f"a start of {who} comes", starts)):
-            if beyond := _beyond(names, limits, q):
+        outside = ((starts < limits[:, 0]) | (starts > limits[:, 1])).any(axis=1)
+        begun = [robot for robot, is_outside in zip(robots, outside, strict=True) if is_outside]
+        for what, who, q in (("the target", robots, target), ("a start", begun, starts[outside])):
+            if who and (beyond := _beyond(names, limits, q)):
                 found.append(
-                    f"{what} beyond the limits of {who}'s joints: {', '.join(beyond)}; they act "
-                    "on robots with stops alone (nrs fmu from-urdf --stops)"
+                    f"{what} comes beyond the limits of {numbered('robot', who, _SPANS)}'s joints: "
+                    f"{', '.join(beyond)}; they act on robots with stops alone (nrs fmu from-urdf "
+                    "--stops)"
                 )
     return found
 
 
 def _beyond(names: Sequence[str], limits: Array, q: Array) -> list[str]:
-    """Say of each joint that positions q, (rows, m), leave its limits (m, 2), by how much."""
+    """Say of each joint that positions q, (rows, m), leave its limits (m, 2), how far they go."""
     ends = np.stack([q.min(axis=0), q.max(axis=0)], axis=1)
-    past = (limits - ends) * [1, -1]
+    past = (limits - ends) * [1, -1] > 0
     return [
-        f"{name} ({least:g} to {most:g}: to {by[side]:.4g})"
-        for name, (least, most), by, side, far in zip(
-            names, limits, ends, past.argmax(axis=1), past.max(axis=1), strict=True
-        )
-        if far > 0
+        f"{name} ({least:g} to {most:g}: {' and '.join(f'to {end:.4g}' for end in by[is_past])})"
+        for name, (least, most), by, is_past in zip(names, limits, ends, past, strict=True)
+        if is_past.any()
     ]

@@ -164,7 +164,11 @@ def limited(joint, kind, *limits):
         # 2 t + sin t comes to 0.4 + sin 0.2, and −2 t − cos t from −1 to −0.4 − cos 0.2.
         (("revolute", -0.5, 0.55), ("revolute", -2, 1), ["the target comes", "shoulder", "0.5987"]),
         (("revolute", -1, 1), ("prismatic", -1.2, 1), ["the target comes", "elbow", "-1.38"]),
-        (("revolute", 0.1, 1), ("revolute", -2, 1), ["a start of robot 4 comes", "shoulder", "0)"]),
+        (
+            ("revolute", 0.1, 1),
+            ("revolute", -2, 1),
+            ["a start comes", "of robot 4's joints", "shoulder", "0)"],
+        ),
         (("continuous", -0.1, 0.1), ("revolute", 0, 0), []),
         (("revolute",), ("fixed", -0.1, 0.1), []),
     ],
@@ -174,6 +178,28 @@ def test_what_is_beyond_a_joints_limits_is_told(tmp_path, shoulder, elbow, said)
     own_fmu(tmp_path / "own.fmu", f'<robot name="r">{joints}</robot>')
     found = beyond_limits(paper(CHANGES, folder=tmp_path))
     assert any(all(word in line for word in said) for line in found) == bool(said)
+
+
+def test_of_starts_beyond_the_limits_those_robots_are_named_with_both_ends(tmp_path):
+    joints = limited("shoulder", "revolute", -0.2, 3) + limited("elbow", "revolute", -3, 3)
+    own_fmu(tmp_path / "own.fmu", f'<robot name="r">{joints}</robot>')
+    ends = {1: -0.4, 2: -0.2, 3: 3.25, 4: 0.0}
+    robots = [{"id": robot, "initial": {"q": [q, 0.0]}} for robot, q in ends.items()]
+    changes = {**CHANGES, "plant.fmu": "own.fmu", "robots": robots}
+    (found,) = beyond_limits(paper(changes, folder=tmp_path))
+    assert "of robots 1, 3's joints: shoulder (-0.2 to 3: to -0.4 and to 3.25);" in found
+
+
+def test_a_robot_of_another_number_of_joints_is_refused_in_a_line(tmp_path):
+    own_fmu(tmp_path / "own.fmu", ELBOWED)
+    axes = {"target.axes": [{}] * 3}
+    scenario = write(
+        tmp_path / "run.toml", {**CHANGES, **axes, "robots": [], "plant.fmu": "own.fmu"}
+    )
+    done = nrs("run", scenario, "-o", tmp_path / "run.mcap")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"error: {scenario}: plant: {tmp_path}/own.fmu: q takes 3 ")
+    assert len(done.stderr.splitlines()) == 1
 
 
 def test_limits_are_told_of_before_a_run_and_by_check(tmp_path):
