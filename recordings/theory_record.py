@@ -65,6 +65,7 @@ class TheoryRecord(_Part):
     spectral_radius: _Number
     measured_radius: _Number
     transient: _Number
+    steady_since: _Number
     untracked: str
     noise: _Noise | None
     mean_squares: tuple[_MeanSquare, ...]

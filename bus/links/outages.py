@@ -41,6 +41,10 @@ class Outages:
             return self.who
         return np.unique(self.who[(self.first <= k) & (k < self.end)])
 
+    def ends_of_run(self, ticks: int) -> NDArray[np.int64]:
+        """Return the ends of those that a run of so many ticks meets, (s,) ticks."""
+        return self.end[(self.first <= ticks) & (self.first < self.end)]
+
     def mask(self, k: int, size: int) -> NDArray[np.bool_]:
         """Return whether each of the numbers 0 … size − 1 is out at t_k, (size,)."""
         out = np.zeros(size, bool)

@@ -118,6 +118,9 @@ class TheoryComparison:
     """What noise on links comes to, and came to; None where there is none."""
     mean_squares: tuple[RootMeanSquare, ...] = ()
     """Of errors over links that lose samples; none where nothing is expected of them."""
+    steady_since: float | None = None
+    """s: from when on all is as in steady state, where that is only after the last fifth has begun:
+    outages, or digraphs that hold no more, last until then."""
 
     @property
     def left(self) -> float | None:
@@ -147,6 +150,7 @@ class TheoryComparison:
             "why_not": self.why_not,
             "quantities": rows,
             "transient": finite(self.left),
+            "steady_since": self.steady_since,
             "spectral_radius": self.spectral_radius,
             "measured_radius": self.measured_radius,
             "untracked": self.untracked,
@@ -206,7 +210,14 @@ def compare_to_theory(
         why,
         noise and measured_noise(noise, reader, experiment, periods_of(experiment)),
         root_mean_squares(reader, experiment),
+        _steady_since(experiment, ultimate.since, reader.ticks),
     )
+
+
+def _steady_since(experiment: Experiment, since: int, ticks: int) -> float | None:
+    clock = experiment.clock
+    is_late = since > clock.since(clock.t(ticks) - clock.t(ticks) // 5)
+    return seconds(clock.t(since)) if is_late and since <= ticks else None
 
 
 def _against_bound(

@@ -38,6 +38,8 @@ class LinkFaults:
     since: int
     """The tick from which on all is as in steady state: no sample is missing that an outage took,
     or that is late from before t_1, and none is of a digraph that holds no more."""
+    outages_end: int
+    """The tick at which the last outage of the run is over; 0 where there is none."""
 
     @property
     def some_arrive(self) -> bool:
@@ -71,15 +73,17 @@ def link_faults_of(experiment: Experiment) -> LinkFaults:
     edges = zip(links.source.tolist(), links.sink.tolist(), strict=True)
     faults = [given.get(edge, sound) for edge in edges]
     delays = np.array([fault.delay for fault in faults], np.int64).reshape(-1, 2)
-    cuts = Outages.of({e: f.outages for e, f in enumerate(faults)}, experiment.clock.since)
-    over = max(turn, *(int(of.end.max(initial=1)) for of in (cuts, experiment.outages)))
+    clock = experiment.clock
+    cuts = Outages.of({e: f.outages for e, f in enumerate(faults)}, clock.since)
+    out = max(int(of.ends_of_run(clock.ticks).max(initial=0)) for of in (cuts, experiment.outages))
     return LinkFaults(
         links,
         delays[:, 0],
         delays[:, 1],
         np.array([fault.loss for fault in faults]),
         any(fault.noise for fault in faults),
-        over + int(delays.max(initial=0)),
+        max(turn, out, 1) + int(delays.max(initial=0)),
+        out,
     )
 
 

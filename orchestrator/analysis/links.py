@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.clock import seconds
 from nrs_cosim.estimator_agents.algorithm import Spectra, Spectrum, nominal_of
 from nrs_cosim.estimator_agents.theory.aperiodic import Periods, RadiusBounds
 from nrs_cosim.estimator_agents.theory.delays import (
@@ -89,6 +90,8 @@ class LinkAnalysis:
     square where samples are lost. Not a number where it is not known."""
     delays: tuple[int, int] = (0, 0)
     """The shortest and the longest, sampling periods."""
+    outages_end: float | None = None
+    """s: when the last outage is over; bounds are of the time after it. None without any."""
     margin: DelayMargin | None = None
     """Of all links alike, without other faults; None where it is not computed."""
     loss: LossAnalysis | None = None
@@ -147,7 +150,8 @@ def link_analysis(
         return LinkAnalysis(_STATUS.get(rho.status, "unknown"), margin=margin, radius=rho)
     faults = link_faults_of(experiment)
     delays = int(faults.least.min()), int(faults.most.max())
-    found = LinkAnalysis("unknown", delays=delays, margin=margin)
+    over = seconds(experiment.clock.t(faults.outages_end)) if faults.outages_end else None
+    found = LinkAnalysis("unknown", delays=delays, outages_end=over, margin=margin)
     if why := why_unknown_over(experiment, faults):
         return replace(found, why=why)
     if step is None and faults.arrive_in_time and rho.status != "not decided":

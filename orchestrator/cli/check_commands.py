@@ -77,15 +77,13 @@ def check(
     from nrs_cosim.orchestrator.cli import summary_text
     from nrs_cosim.orchestrator.cli.progress import stages
     from nrs_cosim.orchestrator.cli.theory_text import unmet as unmet_of
-    from nrs_cosim.orchestrator.engine.joint_limits import beyond_limits
     from nrs_cosim.orchestrator.engine.plants import (
         group_by_archive,
         naming_field,
         open_fleet,
         with_compiled_fmus,
     )
-    from nrs_cosim.orchestrator.engine.recording_size import large_recording
-    from nrs_cosim.orchestrator.engine.units import mixed_units
+    from nrs_cosim.orchestrator.engine.scenario_warnings import scenario_warnings
     from nrs_cosim.orchestrator.scenario.file import read_scenario, scenario_name
 
     experiment = read_scenario(scenario, changes_of(changes))
@@ -96,10 +94,7 @@ def check(
                 experiment = with_compiled_fmus(experiment)
             groups = group_by_archive(experiment)
             open_fleet(stack, groups, experiment.bodies())
-            for warning in filter(
-                None,
-                [mixed_units(experiment), large_recording(experiment), *beyond_limits(experiment)],
-            ):
+            for warning in scenario_warnings(experiment):
                 say("yellow", "warning", warning)
         find = Sampling(experiment)
         begin("whether the estimates converge")

@@ -72,11 +72,15 @@ def _beside(compared: Compared) -> dict[str, str]:
     over = [row for row in known if {*row["above"]} - {"paper"}]
     loose = [row["name"] for row in known if [*row["above"]] == ["paper"]]
     if left is not None or over:
-        begun = (
-            "what the initial error still contributes is not known"
-            if left is None
-            else f"the initial error still contributes up to {left:.4g}"
-        )
+        if compared["steady_since"] is not None:
+            begun = (
+                "outages, or digraphs of before, last into the last fifth, and bounds are of the "
+                f"steady state from {compared['steady_since']:g} s on"
+            )
+        elif left is None:
+            begun = "what the initial error still contributes is not known"
+        else:
+            begun = f"the initial error still contributes up to {left:.4g}"
         above = "".join(f"; {row['name']} is above {' and '.join(row['above'])}" for row in over)
         rows["transient"] = f"{begun}{above}"
     if compared["untracked"]:

@@ -22,6 +22,10 @@ def link_rows(links: "LinkAnalysis") -> dict[str, str]:
     margin = links.margin
     if margin and (margin.kind == "any" or margin.periods or margin.refuted):
         rows["delays"] = _margin(margin)
+    if links.outages_end is not None:
+        rows["outages"] = (
+            f"the last is over at {links.outages_end:g} s; the steady state is of the time after it"
+        )
     if links.loss:
         rows["loss"] = _losses(links.loss)
     if links.simulated:

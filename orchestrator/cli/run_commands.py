@@ -64,10 +64,8 @@ def run(
     from nrs_cosim.orchestrator.analysis.stiffness import mobility_at_start, stiffness
     from nrs_cosim.orchestrator.cli.terminal_run import pace_of
     from nrs_cosim.orchestrator.engine.attachments import with_fmus
-    from nrs_cosim.orchestrator.engine.joint_limits import beyond_limits
     from nrs_cosim.orchestrator.engine.plants import naming_field, with_compiled_fmus
-    from nrs_cosim.orchestrator.engine.recording_size import large_recording
-    from nrs_cosim.orchestrator.engine.units import mixed_units
+    from nrs_cosim.orchestrator.engine.scenario_warnings import scenario_warnings
     from nrs_cosim.orchestrator.scenario.file import read_scenario, scenario_name
 
     pace = pace_of(realtime)
@@ -85,10 +83,7 @@ def run(
     for part in stiffness(experiment, mobility_at_start(experiment)):
         say("yellow", "warning", part.sentence())
     with naming_field(scenario_name(scenario)):
-        for warning in filter(
-            None,
-            [mixed_units(experiment), large_recording(experiment), *beyond_limits(experiment)],
-        ):
+        for warning in scenario_warnings(experiment):
             say("yellow", "warning", warning)
     with naming_field(scenario_name(scenario)):
         if foxglove:

@@ -38,8 +38,8 @@ def beyond_limits(experiment: Experiment) -> list[str]:
         if len(limits) != experiment.m:  # it is no plant of this scenario, and is refused as one
             continue
         starts = np.array([body.q for body in experiment.bodies(robots)])
-        outside = ((starts < limits[:, 0]) | (starts > limits[:, 1])).any(axis=1)
-        begun = [robot for robot, is_outside in zip(robots, outside, strict=True) if is_outside]
+        outside = np.flatnonzero(((starts < limits[:, 0]) | (starts > limits[:, 1])).any(axis=1))
+        begun = [robots[row] for row in outside]
         for what, who, q in (("the target", robots, target), ("a start", begun, starts[outside])):
             if who and (beyond := _beyond(names, limits, q)):
                 found.append(

@@ -93,7 +93,9 @@ def test_what_is_no_such_record_is_named(wrong):
     whole = {
         "why_not": "",
         "quantities": [],
-        **dict.fromkeys(("spectral_radius", "measured_radius", "transient", "noise")),
+        **dict.fromkeys(
+            ("spectral_radius", "measured_radius", "transient", "steady_since", "noise")
+        ),
         "untracked": "",
         "mean_squares": [],
     }
