@@ -35,7 +35,7 @@ _LIBRARIES = """import atexit, gc, os
 os.environ["PYDANTIC_DISABLE_PLUGINS"] = "__all__"
 gc.set_threshold(200_000)
 atexit.register(gc.freeze)
-import numpy, rich.console, google.protobuf.descriptor_pb2, typer
+import numpy, rich.console, typer
 from pathlib import Path
 from pydantic import BaseModel
 class Table(BaseModel):
@@ -47,10 +47,11 @@ app.command()(command)
 """
 """With a command of one path and a table of one field: Typer has pydantic take what is given, and
 pydantic loads most of itself for the first table. With the settings of `nrs`."""
+_READING = "google.protobuf.descriptor_pb2, mcap.records, zstandard, lz4.frame"
 STARTS: Mapping[str, str] = {
     NUMPY: "import numpy",
-    "libraries of check": f"{_LIBRARIES}import fmpy, lxml.etree\napp(['.'])",
-    "libraries of info": f"{_LIBRARIES}import mcap.records, zstandard, lz4.frame\napp(['.'])",
+    "libraries of check": f"{_LIBRARIES}app(['.'])",
+    "libraries of info": f"{_LIBRARIES}import {_READING}\napp(['.'])",
 }
 """What Python alone does, by what it is called."""
 

@@ -37,8 +37,8 @@ def grid(console: Console, lines: Mapping[str, str], width: int = 10) -> None:
 
 def table(console: Console, columns: Sequence[Column], rows: Iterable[Sequence[str]]) -> None:
     """Show rows of marked-up cells under the columns' headers, which are bold."""
-    titles = [Text.from_markup(str(column.header), style="bold") for column in columns]
-    cells = [[Text.from_markup(cell) for cell in row] for row in rows]
+    titles = [Text.from_markup(str(column.header), style="bold", emoji=False) for column in columns]
+    cells = [[Text.from_markup(cell, emoji=False) for cell in row] for row in rows]
     room = console.width if console.is_terminal else inf
     gap, widths, beside, folded = _layout(columns, titles, cells, room)
     for row in (titles, *cells):
@@ -106,7 +106,7 @@ def findings_table(
     """Show a line for each finding: its name, a marked-up word for what it is, and its text."""
     for name, mark, text in rows:
         head = Text(f"{'':{GAP}}{name:<{widths[0]}}")
-        head.append_text(_aligned(Text.from_markup(mark), widths[1], right=False))
+        head.append_text(_aligned(Text.from_markup(mark, emoji=False), widths[1], right=False))
         if not console.is_terminal:
             console.print(head.append(text), soft_wrap=True)
         elif (room := console.width - head.cell_len) < READABLE and len(text) > room:

@@ -143,3 +143,10 @@ def test_a_terminal_wraps_only_between_words(scenario, tmp_path, command, width)
 def timed(word):
     """Return whether it may be a time or a share of time, which no two runs have in common."""
     return re.fullmatch(r"[\d.]+", word)
+
+
+def test_a_name_between_colons_is_no_emoji():
+    screen = console(80, terminal=False)
+    table(screen, [Column(":x:")], [["joint:x:1"]])
+    findings_table(screen, [("valid", ":x:", "joint:x:1")], (8, 8))
+    assert " ".join(lines(screen)).split() == [":x:", "joint:x:1", "valid", ":x:", "joint:x:1"]
