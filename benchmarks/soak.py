@@ -49,15 +49,19 @@ Row = dict[str, Any]
 
 TEXT = """# A soak
 
-`make soak` ran {robots:,} two-link arms for {ticks:,} ticks in one process, over two worker
-processes at a Unix socket, and over two `nrs worker` processes on loopback TCP. In the latter two,
-workers were killed {kills} times by SIGKILL, and one was stopped for {stop:g} s, at
-ticks drawn from a seed. A worker that was killed or lost its link goes back to the last checkpoint
-and asks for the samples since then, up to 64 ticks of them at a time, *to catch up*; *late* are
-those that a worker asked for because they had not come for 1 s. A batch is what a worker says of
-one tick; one that is repeated was said again by a worker that came back, and is recorded once. The
-seconds are wall time,
-with the stop in them. On {machine}.
+A long run whose workers are killed and stopped on purpose must end with every message, and with
+the digest of a run of one process that nothing happened to. `make soak` ran {robots:,} two-link
+arms for {ticks:,} ticks three times: in one process, over two worker processes at a Unix socket,
+and over two `nrs worker` processes on loopback TCP. In the latter two, workers were killed
+{kills} times by SIGKILL, and one was stopped for {stop:g} s, at ticks drawn from a seed. It was
+on {machine}.
+
+- *asked to catch up*: a worker that was killed or lost its link goes back to the last checkpoint
+  and asks for the samples since then, up to 64 ticks of them at a time.
+- *asked late*: a worker asked for samples that had not come for 1 s.
+- *batches repeated*: a batch is what a worker says of one tick. One that came back says some
+  again; they are recorded once.
+- *seconds* are wall time, with the stop in them.
 
 {table}
 """
