@@ -1,7 +1,7 @@
 """What joints are called, and the units of fields: as declared, or from joints' coordinates."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -36,6 +36,35 @@ def field_unit(name: str, field: Field, coordinate: str) -> str:
 def quantity_unit(name: str, coordinate: str) -> str:
     """Return the unit of what a name ends with; empty where it is none of a joint's quantities."""
     return _UNITS.get(name.rpartition("_")[2], {}).get(coordinate, "")
+
+
+MIXED, UNKNOWN = "mixed units", "unit not known"
+"""Stand where a number is over joints some or all of which have no unit that an FMU gives."""
+_BOTH = " and "
+
+
+def unit_over(units: Collection[str]) -> str:
+    """Return the unit of all of some joints, several as `rad and m`, or in words why there is none.
+
+    >>> unit_over(["rad", "m", "rad"]), unit_over(["rad", ""]), unit_over([""])
+    ('rad and m', 'mixed units', 'unit not known')
+    """
+    found = {*units} or {""}
+    if "" in found or UNKNOWN in found or MIXED in found:
+        return UNKNOWN if found <= {"", UNKNOWN} else MIXED
+    return _BOTH.join(sorted({unit for one in found for unit in one.split(_BOTH)}, reverse=True))
+
+
+def rate_of(unit: str) -> str:
+    """Return the unit of a velocity, of the position's unit or what stands for it."""
+    if unit in {MIXED, UNKNOWN}:
+        return unit
+    return _BOTH.join(f"{one}/s" for one in unit.split(_BOTH))
+
+
+def on_axis(label: str, unit: str) -> str:
+    """Return an axis' label: with a unit, but not with the words that none is known."""
+    return label if unit == UNKNOWN else f"{label} ({unit})"
 
 
 def joints_of_each(run: RunRecord) -> dict[int, tuple[JointRecord, ...]]:

@@ -37,15 +37,18 @@ def hull_of(experiment: Experiment) -> HonestHull | None:
 
 
 def gain_conditions(experiment: Experiment) -> list[Condition]:
-    """Return that all robots' PD gains are positive definite: 0 < min x'Kx over |x| = 1."""
+    """Return that all robots' PD gains are positive definite: 0 < min x'Kx over |x| = 1.
+
+    Those of a frequency and a damping, which no scenario has at or below 0, always are.
+    """
     scenario = experiment.scenario
     controllers = [
         scenario.controller,
         *(experiment.of_robot(robot.id).controller for robot in scenario.robots),
     ]
     conditions = []
-    both = zip(*(gains(controller, experiment.m) for controller in controllers), strict=True)
-    for name, given in zip(("kp", "kd"), both, strict=True):
+    both = zip(*(gains(c, experiment.m) for c in controllers if c.frequency is None), strict=True)
+    for name, given in zip(("kp", "kd"), both, strict=False):
         smallest = min(float(np.linalg.eigvalsh((K + K.T) / 2)[0]) for K in given)
         conditions.append(Condition(name, POSITIVE, 0.0, smallest, at_least=True))
     return conditions

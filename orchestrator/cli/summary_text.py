@@ -45,15 +45,16 @@ def theory_table(
     console.print()
     grid(console, convergence_rows(checked) | bound_rows(ultimate))
     console.print()
-    if checked.impaired:
+    if checked.impaired and checked.conditions:
         prose(console, "conditions are of links without faults")
     if any(checked.status(condition) == "void" for condition in checked.conditions):
         prose(console, f"void: a condition of {ALL_HONEST} proves nothing here")
-    table(
-        console,
-        (*_columns("condition", "value", "bound", "margin"), Column(), Column("source")),
-        (_condition(c, checked.status(c)) for c in checked.conditions),
-    )
+    if checked.conditions:
+        table(
+            console,
+            (*_columns("condition", "value", "bound", "margin"), Column(), Column("source")),
+            (_condition(c, checked.status(c)) for c in checked.conditions),
+        )
     if not ultimate.why_not:
         console.print()
         table(console, _columns("bounds", *_BOUNDS), map(_bounds, rows))

@@ -30,7 +30,7 @@ from nrs_cosim.recordings.measurement import (
 from nrs_cosim.recordings.metadata import ASSETS, MEASURED, RUN, SCENARIO
 from nrs_cosim.recordings.schemas import about as about_run
 from nrs_cosim.recordings.schemas import expect_joints, recorded_types
-from nrs_cosim.recordings.units import joint_names
+from nrs_cosim.recordings.units import joint_names, unit_over
 
 _PARTIAL = "none of the run: messages of it are missing here"
 
@@ -128,6 +128,8 @@ def lines(summary: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
         for plant in summary["plants"]
     )
     parent, target = summary["parent"], summary["target"]
+    unit = unit_over({joint["unit"] for plant in summary["plants"] for joint in plant["joints"]})
+    mixed = f" ({unit})" * (" and " in unit)
     led = {"target": f"{target['fmu']}, SHA-256 {target['sha256']}"} if target else {}
     of = {"parent": f"{parent['digest']}, changed by {parent['change']}"} if parent else {}
     return {
@@ -145,10 +147,12 @@ def lines(summary: Mapping[str, Any], measured: SteadyState) -> dict[str, str]:
         "messages": f"{summary['messages']}{_sent(summary['samples'])}",
         **({"links": links_line(summary["links"])} if summary["links"] else {}),
         "estimates": _suprema(
+            mixed,
             ("eps - eps_0|inf", measured.position_estimate),
             ("ups - ups_0|inf", measured.velocity_estimate),
         ),
         "tracking": _suprema(
+            mixed,
             ("q - eps_0|2", measured.position_tracking),
             ("qd - ups_0|2", measured.velocity_tracking),
         ),
@@ -190,10 +194,14 @@ def _assets(assets: Mapping[str, Mapping[str, str]]) -> str:
     )
 
 
-def _suprema(*found: tuple[str, float | None]) -> str:
-    """Say how large errors were in the last fifth, where any was measured."""
+def _suprema(mixed: str, *found: tuple[str, float | None]) -> str:
+    """Say how large errors were in the last fifth, where any was measured, over units if mixed."""
     known = [f"sup |{name} = {value:.4g}" for name, value in found if value is not None]
-    return ", ".join([*known, "in the last fifth"]) if known else "not measured: no tick is here"
+    return (
+        ", ".join([*known, f"in the last fifth{mixed}"])
+        if known
+        else "not measured: no tick is here"
+    )
 
 
 def _driven(plants: Sequence[Mapping[str, Any]]) -> str:

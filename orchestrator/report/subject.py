@@ -1,7 +1,7 @@
 """What a report must know of a scenario: target, network and theory."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 from zlib import crc32
@@ -11,6 +11,7 @@ from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.orchestrator.analysis.bounds import UltimateBounds, bounds, ultimate_bounds
 from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
 from nrs_cosim.orchestrator.analysis.conditions import Check, check, finite
+from nrs_cosim.orchestrator.engine.link_summary import links_line, links_of
 from nrs_cosim.orchestrator.engine.summary import experiment_of, torque_limits
 from nrs_cosim.orchestrator.report.gain_map import gain_map
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
@@ -20,9 +21,9 @@ from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.measurement import QUANTITIES
 from nrs_cosim.recordings.metadata import RunRecord
 from nrs_cosim.recordings.report.data import Story, read_story
-from nrs_cosim.recordings.report.subject import Subject, unit_over
+from nrs_cosim.recordings.report.subject import Subject
 from nrs_cosim.recordings.schemas import about
-from nrs_cosim.recordings.units import joint_names, shared_joints
+from nrs_cosim.recordings.units import joint_names, shared_joints, unit_over
 
 
 def story_of(reader: Reader, experiment: Experiment | None = None) -> Story:
@@ -36,8 +37,14 @@ def story_of(reader: Reader, experiment: Experiment | None = None) -> Story:
     names = tuple(joint.name for joint in shared_joints(run))
     theory = _theory(experiment)
     subject = subject_of(experiment, units, names, theory)
-    limits, plants = torque_limits(reader, experiment), _plants(experiment, run)
-    story = read_story(reader, replace(subject, plants=plants, torque_limits=limits))
+    links = links_of(reader, experiment)
+    subject = replace(
+        subject,
+        plants=_plants(experiment, run),
+        links=links_line(links) if links else "",
+        torque_limits=torque_limits(reader, experiment),
+    )
+    story = read_story(reader, subject)
     if not theory:
         return story
     compared = compare_to_theory(reader, experiment, story.steady, theory[1])
@@ -138,12 +145,15 @@ def _condition_rows(checked: Check) -> list[dict[str, Any]]:
 
 
 def _plants(experiment: Experiment, run: RunRecord) -> list[dict[str, str]]:
-    """Return a row for robots of the same FMU and parameters, as the recording tells of them."""
+    """Return a row for robots of the same FMU, parameters and controller."""
     rows = []
     for group in run.plants:
-        alike: dict[str, list[int]] = {}
+        alike: dict[tuple[str, str], list[int]] = {}
         for robot in group.robots:
-            alike.setdefault(_parameters(experiment, robot), []).append(robot)
+            own = experiment.of_robot(robot)
+            law = own.controller.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+            given = _values(sorted(own.plant.parameters.items())), _values(law.items())
+            alike.setdefault(given, []).append(robot)
         joints = ", ".join(f"{joint.name} ({joint.unit or '?'})" for joint in group.joints)
         rows += [
             {
@@ -152,17 +162,17 @@ def _plants(experiment: Experiment, run: RunRecord) -> list[dict[str, str]]:
                 "FMI": group.fmi_version,
                 "driven by": group.drive,
                 "parameters": parameters or "as in the FMU",
+                "controller": law or "none",
                 "joints": joints,
                 "SHA-256": group.sha256,
             }
-            for parameters, robots in alike.items()
+            for (parameters, law), robots in alike.items()
         ]
     return rows
 
 
-def _parameters(experiment: Experiment, robot: int) -> str:
-    given = experiment.of_robot(robot).plant.parameters
-    return ", ".join(f"{name} = {_short(value)}" for name, value in sorted(given.items()))
+def _values(given: Iterable[tuple[str, Any]]) -> str:
+    return ", ".join(f"{name} = {_short(value)}" for name, value in given)
 
 
 def _settings(experiment: Experiment) -> dict[str, str]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from nrs_cosim.recordings.report.curves import Curve, Figure, Panel, kept, logarithmic_panel
 from nrs_cosim.recordings.report.data import Story
-from nrs_cosim.recordings.report.subject import on_axis, rate_of, unit_over
+from nrs_cosim.recordings.units import on_axis, rate_of, unit_over
 
 _NORMS = (
     ("position_estimate", "max ‖ε_i − ε_0‖∞ at t_k"),

@@ -13,7 +13,7 @@ from nrs_cosim.recordings.report.curves import TARGET, Array, Band, Curve, Figur
 from nrs_cosim.recordings.report.data import Story
 from nrs_cosim.recordings.report.envelope_figure import envelope_figure
 from nrs_cosim.recordings.report.link_figure import link_figure
-from nrs_cosim.recordings.report.subject import on_axis, rate_of, unit_over
+from nrs_cosim.recordings.units import on_axis, rate_of, unit_over
 
 Group = tuple[str, int | None]
 """Its name and its colour."""

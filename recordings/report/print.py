@@ -22,7 +22,7 @@ from nrs_cosim.recordings.report.figures import Group, figures
 from nrs_cosim.recordings.units import quantity_unit
 
 INKS = (
-    "#1b34f8", "#d97a0e", "#099b97", "#4c038b", "#2696f3", "#a05206", "#743649", "#3168a4",
+    "#0638c5", "#ba8d10", "#2fa49c", "#6e056e", "#985f3a", "#2d4301", "#9b65fc", "#1d759a",
 )  # fmt: skip
 """As the page's on white."""
 _INK = "#1b1f24"

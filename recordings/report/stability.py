@@ -45,5 +45,6 @@ def stability(found: GainMap | None) -> str:
         f'viewBox="0 0 {LEFT + SIZE + 8} {SIZE + BELOW}">{"".join(parts)}{texts}'
         f'<circle cx="{at_x:.1f}" cy="{at_y:.1f}" r="7"/></svg>'
         '<p class="about">ρ with other gains, by theory: the stronger the blue, the slower errors '
-        f"fall, and where it is red they grow. The ring is this run; the least is {least:.4g}.</p>"
+        "fall, and where it is red they grow. The ring is this run; the least on this grid is "
+        f"{least:.4g}.</p>"
     )

@@ -1,6 +1,6 @@
 """What a report must know of a run and its messages do not tell: it follows from the scenario."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,27 +11,9 @@ from nrs_cosim.bus.clock import Clock
 from nrs_cosim.bus.topologies import TopologySchedule
 from nrs_cosim.bus.topology import Topology
 from nrs_cosim.recordings.measurement import TargetAt
+from nrs_cosim.recordings.units import rate_of, unit_over
 
 Array = NDArray[np.float64]
-
-MIXED, UNKNOWN = "mixed units", "unit not known"
-"""Stand where a number is over joints in unlike units, or in none that an FMU gives."""
-
-
-def unit_over(units: Collection[str]) -> str:
-    """Return the unit of all of some joints, or in words that there is no such one."""
-    found = {unit or UNKNOWN for unit in units} or {UNKNOWN}
-    return found.pop() if len(found) == 1 else MIXED
-
-
-def rate_of(unit: str) -> str:
-    """Return the unit of a velocity, of the position's unit or what stands for it."""
-    return unit if unit in {MIXED, UNKNOWN} else f"{unit}/s"
-
-
-def on_axis(label: str, unit: str) -> str:
-    """Return an axis' label: with a unit, but not with the words that none is known."""
-    return label if unit == UNKNOWN else f"{label} ({unit})"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,9 +63,11 @@ class Subject:
     settings: Mapping[str, str]
     """The scenario's keys with their values, in words."""
     plants: Sequence[Mapping[str, str]] = ()
-    """A row for robots of one FMU and the same parameters, by the columns' names."""
+    """A row for robots of one FMU, the same parameters and controller, by the columns' names."""
     gains: GainMap | None = None
     """None where it is not made."""
+    links: str = ""
+    """What they did to samples, and which robots were silent, in words; empty if they are sound."""
     torque_limits: Mapping[int, Array] = field(default_factory=dict)
     """(m,) of each robot that has any."""
 

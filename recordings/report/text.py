@@ -1,6 +1,7 @@
 """A run in words and numbers: what a reader of the report must know before any figure."""
 
 import json
+import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -47,6 +48,8 @@ def lead(story: Story, *, live: bool = False) -> list[str]:
     if liars := subject.byzantine:
         lie = f"{numbered('robot', liars, 8)} lie{'s' * (len(liars) == 1)}"
         sentences.append(f"{lie[0].upper()}{lie[1:]}: errors and envelopes are of honest robots.")
+    if subject.links:
+        sentences.append(f"On the links, {subject.links}.")
     if story.saturation:
         said = saturation_in_words(story.saturation, story.subject.joints)
         sentences.append(f"{said[0].upper()}{said[1:]}.")
@@ -95,7 +98,7 @@ def saturated(story: Story) -> list[list[str]]:
 def counted(story: Story) -> dict[str, str]:
     """Return how many messages there are of each kind, and what the run said at its end."""
     counts = {
-        kind.rpartition(".")[2].lower() + "s": f"{count:,}"
+        _spelt(kind.rpartition(".")[2]) + "s": f"{count:,}"
         for kind, count in sorted(story.counts.items())
     }
     return counts | {
@@ -104,6 +107,10 @@ def counted(story: Story) -> dict[str, str]:
         if key not in {SAMPLES, MEASURED, LINKS}  # counted with the target's; said above
         for name, said in _flat(key, text)
     }
+
+
+def _spelt(name: str) -> str:
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()
 
 
 def particulars(story: Story) -> dict[str, str]:

@@ -9,6 +9,7 @@ import pytest
 import nrs_cosim
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.analysis.plant_bounds import plant_bounds
+from nrs_cosim.orchestrator.analysis.robot_conditions import gain_conditions
 from nrs_cosim.orchestrator.report.subject import story_of
 from nrs_cosim.orchestrator.scenario.conversion import gains
 from nrs_cosim.plant_fmu.archives.archive import open_archive
@@ -114,6 +115,8 @@ def test_a_robots_own_gains_take_the_place_of_a_bandwidth_and_the_other_way_roun
     assert kd[0] == [6.0, 6.0]
     assert kd[1] == [6.0, 8.0]
     assert kd[2] == kd[3] == pytest.approx([4.2, 5.6])
+    assert [(c.name, c.value) for c in gain_conditions(experiment)] == [("kp", 5.0), ("kd", 6.0)]
+    assert gain_conditions(paper(BANDWIDTH)) == []  # nobody gave any
     bodies = experiment.bodies()
     assert [body.control.inertia_scaling for body in bodies[:4]] == [False, True, True, True]
     assert bodies[2].control.torque_limit.tolist() == [7.0, 7.0]

@@ -22,6 +22,7 @@ def test_each_cell_is_what_check_says_of_its_gains(faults):
         checked = check(paper(SECOND_ORDER, faults, gains))
         assert found.radius[row, column] == pytest.approx(checked.spectral_radius, rel=1e-9)
     picture = stability(found)
+    assert f"the least on this grid is {np.nanmin(found.radius):.4g}" in picture
     assert picture.count("<rect") == found.radius.size
     assert picture.count('class="grows"') == np.sum(found.radius >= 1) > 0
 

@@ -4,15 +4,19 @@ import json
 import re
 
 import pytest
+from typer.testing import CliRunner
 
 from nrs_cosim.bus.codecs import Codecs
 from nrs_cosim.bus.fields import ESTIMATE, Field, Sizes
+from nrs_cosim.orchestrator.cli.main import app
 from nrs_cosim.recordings.metadata import RUN
 from nrs_cosim.recordings.report.page import page_data
-from nrs_cosim.recordings.report.subject import MIXED, UNKNOWN
+from nrs_cosim.recordings.units import UNKNOWN
 from tests.orchestrator.test_assets import again
 from tests.recordings.made_up_runs import recorded
 from tests.report.conftest import story
+
+BOTH = "rad and m, rad/s and m/s"
 
 
 @pytest.mark.parametrize(
@@ -20,8 +24,8 @@ from tests.report.conftest import story
     [
         (["rad rad"], "(rad) (rad) (rad/s) (rad/s)", "rad, rad/s"),
         (["m m"], "(m) (m) (m/s) (m/s)", "m, m/s"),
-        (["rad m", "rad m"], "(rad) (m) (rad/s) (m/s)", "mixed units, mixed units"),
-        (["rad m", "rad rad"], "(rad) (mixed) (rad/s) (mixed)", "mixed units, mixed units"),
+        (["rad m", "rad m"], "(rad) (m) (rad/s) (m/s)", BOTH),
+        (["rad m", "rad rad"], "(rad) (rad and m) (rad/s) (rad/s and m/s)", BOTH),
         (["rad ?"], "(rad) () (rad/s) ()", "mixed units, mixed units"),
         (["? ?", "? ?"], "() () () ()", "unit not known, unit not known"),
     ],
@@ -51,10 +55,12 @@ def test_axes_show_the_unit_of_their_joint_and_norms_that_of_all(
         (panels,) = (f["panels"] for f in data["figures"] if f["name"] == name)
         return [(re.findall(r"\((.*?)\)$", panel["label"]) or [""])[0] for panel in panels]
 
-    alone = [unit[1:-1].replace("mixed", MIXED) for unit in by_joint.split()]
+    alone = re.findall(r"\((.*?)\)", by_joint)
     assert shown("estimates") == shown("tracking") == alone
-    assert shown("agent_states") == [unit.replace(MIXED, "") for unit in alone[:2]]
+    assert shown("agent_states") == ["" if " and " in unit else unit for unit in alone[:2]]
     overall = over_all.split(", ") * 2
     assert shown("envelopes") == [unit.replace(UNKNOWN, "") for unit in overall]
     assert [tile["unit"] for tile in data["runs"][0]["measured"]] == overall
     assert data["runs"][0]["unit"] == overall[0]
+    printed = CliRunner().invoke(app, ["info", str(path)]).output
+    assert ("in the last fifth (rad and m)" in " ".join(printed.split())) == (over_all == BOTH)

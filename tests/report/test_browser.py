@@ -2,6 +2,7 @@
 
 import re
 
+import numpy as np
 import pytest
 
 from nrs_cosim.recordings.report.page import page
@@ -141,8 +142,47 @@ def test_on_a_phone_nothing_is_too_small_or_off_screen(chromium, address):
     )
     assert smallest >= 16
     assert all(lines for *_, lines in look.drawn())
+    out_of_sight = look.ask(
+        "(names => { document.querySelector('#figures section').append(plots.chooser("
+        "names.map((joint_name, joint) => ({ joint, joint_name }))));"
+        " return [...document.querySelectorAll('button, h3, td:is(.holds, .within), .stacked td')]"
+        ".filter(e => e.getBoundingClientRect().right > 390).map(e => e.innerText)"
+        " })(arguments[0])",
+        ["q", "workcell_left_arm_gripper_left_finger_slide_joint", "w" * 80],
+    )
+    assert out_of_sight == []
+    assert look.ask("document.documentElement.scrollWidth") <= 390
+    assert look.ask("document.querySelectorAll('.within').length") >= 4
     look.size(1280)
     assert not look.complaints()
+
+
+def test_a_logarithmic_axis_has_two_ticks_at_least_in_full_numbers(look):
+    axes = look.ask(
+        "(async ranges => { const found = []; for (const y_range of ranges) {"
+        " const panel = { logarithmic: true, y_range, rows: [], labels: [], curves: [] };"
+        " const plot = document.body.appendChild(make('div', { className: 'plot' }));"
+        " await Plotly.newPlot(plot, [{ x: [0, 1], y: y_range }], plots.layout({ panel, plot }));"
+        " found.push([...plot.querySelectorAll('.ytick text')]"
+        ".map(e => [Number(e.textContent), e.__data__.x])); plot.remove() }"
+        " return found })(arguments[0])",
+        [[0.08, 1.6], [0.31, 2.6], [1.1, 1.3], [0.9, 9.5], [0.9, 11], [0.3, 40], [1e-7, 3]],
+    )
+    for ticks in axes:
+        assert len(ticks) >= 2
+        shown, powers = np.transpose(ticks)
+        np.testing.assert_allclose(shown, 10**powers, rtol=1e-6)
+
+
+def test_a_live_page_says_that_it_goes_on_before_its_plots_are_drawn(look):
+    assert look.ask(
+        "(async () => { let told; const known = page.runs;"
+        " fetch = async () => ({ status: 200, headers: new Headers(), json: async () =>"
+        " ({ runs: known }) });"
+        " render = async () => { told = ['#told', '#left'].map(e => $(e).textContent);"
+        " told.push($('#progress').value) };"
+        " await follow(null); return told })()"
+    ) == ["Live: the run is completed.", "30 of 30 s simulated", 300]
 
 
 def test_a_recording_without_a_tick_is_shown(chromium, empty, folder):

@@ -71,6 +71,10 @@ def test_no_two_colours_look_alike_to_eyes_without_red_or_green(dark):
     for eye in EYES.values():
         seen = oklab(linear(inks.values()) @ np.transpose(eye))
         assert min(np.linalg.norm(a - b) for a, b in combinations(seen, 2)) > 0.13
+    hues = np.sort(
+        np.arctan2(*oklab(linear([c for name, c in inks.items() if "-" in name]))[:, :0:-1].T)
+    )
+    assert np.degrees(np.diff([*hues, hues[0] + 2 * np.pi])).min() > 30  # a hue each
     light = linear([card, *inks.values()]) @ [0.2126, 0.7152, 0.0722]
     ends = np.sort(np.stack([light[1:], np.full(len(inks), light[0])]), axis=0) + 0.05
     assert (ends[1] / ends[0] >= 3).all()  # WCAG 2.2, 1.4.11

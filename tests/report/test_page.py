@@ -165,6 +165,7 @@ def test_a_page_shows_the_runs_words_and_numbers(paper):
     assert [row["status"] for row in run["measured"]] == ["within"] * 4
     (plants,) = run["plants"]
     assert (plants["robots"], plants["FMU"]) == ("robots 1-6", "two_link_arm")
+    assert plants["controller"] == "kp = 200.0, kd = 300.0"
     assert plants["joints"] == "q[1] (rad), q[2] (rad)"
     measured = [row["value"] for row in run["measured"]]
     assert measured == pytest.approx([0.15131, 0.43971, 0.444, 0.497], rel=0.02)  # paper.md
@@ -239,6 +240,10 @@ def test_a_page_shows_the_recorded_link_events(lossy):
     found: Counter[str] = Counter()
     for (first, last, _), (row, *_) in zip(x, y, strict=True):
         found[panel["rows"][int(row)]] += round((last - first) / 0.1) + 1
+    (run,) = data["runs"]
+    assert run["counted"]["link events"] == f"{len(met):,}"
+    assert f" samples {len(lost)} lost" in (lead := " ".join(run["lead"]))
+    assert "robot 4 silent from " in lead
     names = {f"{i} ← {j or 'target'}": count for (i, j), count in expected.items()}
     assert found == names
     assert "4 silent" in panel["rows"]

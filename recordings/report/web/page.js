@@ -14,6 +14,10 @@ function indexed(text) {
   return text.replace(symbol, "$1\u0000$2\u0000").split("\u0000")
     .map((part, at) => (at % 2 ? make("sub", { textContent: part }) : part));
 }
+// "left_elbow_joint" may go on in the next line after each "_"
+const breakable = (text) => text.split(/(?<=_)/).flatMap((part, at) => (at ? [make("wbr", {}), part] : part));
+const wrapped = (text) => indexed(text).flatMap((part) => (typeof part === "string" ? breakable(part) : part));
+
 const indexedHtml = (text) =>
   text.replace(/[&<>]/g, (c) => `&#${c.charCodeAt(0)};`).replace(symbol, "$1<sub>$2</sub>");
 
@@ -109,7 +113,7 @@ function sayWords({ runs, differences, live }) {
     const lead = run.lead.filter((sentence) => !shared.includes(sentence)).join(" ");
     return make("div", { className: "run" },
       make("h3", {}, ...(several ? [make("i", { className: "ink" }), run.name, make("small", { textContent: `${run.file}.mcap` })] : []), status),
-      make("p", { className: "lead", textContent: lead }),
+      make("p", { className: "lead" }, ...breakable(lead)),
       ...run.damage.map((damage) => make("p", { className: "damage", textContent: `Damaged: ${damage}` })),
       ...(tiles.length ? [make("div", { className: "tiles" }, ...tiles)] : []));
   });
@@ -152,19 +156,17 @@ function drawNetworks(runs) {
   }
 }
 
-// "left_elbow_joint" may go on in the next line after each "_"
-const breakable = (text) => text.split(/(?<=_)/).flatMap((part, at) => (at ? [make("wbr", {}), part] : part));
-
 function table(caption, heads, rows, className = "scroll") {
-  const cell = (kind, value) => {
+  const cell = (kind, value, head = "") => {
     const { text = value, name = "", number = false } = value !== null && typeof value === "object" ? value : {};
-    const parts = indexed(String(text)).flatMap((part) => (typeof part === "string" ? breakable(part) : part));
-    return make(kind, { className: `${name}${number ? " number" : ""}`.trim() }, ...parts);
+    const made = make(kind, { className: `${name}${number ? " number" : ""}`.trim() }, ...wrapped(String(text)));
+    if (head) made.dataset.head = head;
+    return made;
   };
   return make("div", { className }, make("table", {},
     ...(caption ? [make("caption", { textContent: caption })] : []),
     ...(heads.length ? [make("thead", {}, make("tr", {}, ...heads.map((head) => cell("th", head))))] : []),
-    make("tbody", {}, ...rows.map((row) => make("tr", {}, ...row.map((value) => cell("td", value)))))));
+    make("tbody", {}, ...rows.map((row) => make("tr", {}, ...row.map((value, at) => cell("td", value, heads[at]?.text ?? heads[at])))))));
 }
 const number = (value, digits = 6) =>
   ({ text: value === null ? "∞" : Number(value.toPrecision(digits)).toString(), number: true });
@@ -181,22 +183,23 @@ const mark = (status) => {
 
 function tellTheory(runs) {
   const several = runs.length > 1;
-  $("#theory").hidden = false;
-  $("#theory .tables").replaceChildren(...runs.flatMap((run) => {
+  const found = runs.flatMap((run) => {
     const name = several ? `${run.name}: ` : "";
-    const tables = [table(`${name}conditions`, ["", { text: "value", number: true }, { text: "bound", number: true }, "", "source"],
-      [...run.conditions.map((v) => [v.name, number(v.value), v.status === "unknown" ? "" : bounded(v.bound, v.at_least),
-        mark(v.status), { text: v.source, name: "source" }]),
-       ...(run.spectral_radius === null ? [] : [["ρ", number(run.spectral_radius), bounded(1, false),
-        mark(run.spectral_radius < 1 ? "holds" : "violated"),
-        { text: "left of the estimation error after a sampling period", name: "source" }]])])];
+    const conditions = [...run.conditions.map((v) => [v.name, mark(v.status), number(v.value), v.status === "unknown" ? "" : bounded(v.bound, v.at_least),
+      { text: v.source, name: "source" }]),
+    ...(run.spectral_radius === null ? [] : [["ρ", mark(run.spectral_radius < 1 ? "holds" : "violated"),
+      number(run.spectral_radius), bounded(1, false),
+      { text: "left of the estimation error after a sampling period", name: "source" }]])];
+    const tables = conditions.length ? [table(`${name}conditions`, ["", "", { text: "value", number: true }, { text: "bound", number: true }, "source"], conditions)] : [];
     const laws = [...new Set(run.measured.flatMap(({ bounds }) => Object.keys(bounds)))];
     if (laws.length)
-      tables.push(table(`${name}steady state`, ["", { text: "measured", number: true }, ...laws.map((text) => ({ text, number: true })), ""],
-        run.measured.map((m) => [{ text: `${m.norm} (${m.unit})`, name: "norm" }, number(m.value, 4),
-          ...laws.map((law) => (law in m.bounds ? number(m.bounds[law], 4) : "")), mark(m.status)])));
+      tables.push(table(`${name}steady state`, ["", "", { text: "measured", number: true }, ...laws.map((text) => ({ text, number: true }))],
+        run.measured.map((m) => [{ text: `${m.norm} (${m.unit})`, name: "norm" }, mark(m.status), number(m.value, 4),
+          ...laws.map((law) => (law in m.bounds ? number(m.bounds[law], 4) : ""))])));
     return run.gains ? [...tables, make("figure", { innerHTML: run.gains })] : tables;
-  }));
+  });
+  $("#theory").hidden = !found.length;
+  $("#theory .tables").replaceChildren(...found);
 }
 
 function tellNumbers(runs) {
@@ -207,7 +210,7 @@ function tellNumbers(runs) {
     const [first] = run.plants, [joints, ...saturated] = run.saturated;
     return [
       ...(first ? [table(`${name}plants`, Object.keys(first),
-        run.plants.map((plant) => Object.entries(plant).map(([what, text]) => (what === "SHA-256" ? { text: text.slice(0, 16), name: "long" } : { text, name: what === "joints" ? "named" : "" }))), "scroll wide")] : []),
+        run.plants.map((plant) => Object.entries(plant).map(([what, text]) => (what === "SHA-256" ? { text: text.slice(0, 16), name: "long" } : { text, name: ["joints", "controller"].includes(what) ? "named" : "" }))), "scroll wide stacked")] : []),
       ...(joints ? [table(`${name}torques at their limits, in parts of a robot’s states`, joints.map((text, at) => ({ text, number: at > 0 })),
         saturated.map((row) => row.map((text, at) => ({ text, number: at > 0 }))), joints.length > 5 ? "scroll wide" : "scroll")] : []),
       table(`${name}messages`, [], Object.entries(run.counted).map(([what, count]) => [what, { text: count, number: true }])),
@@ -254,7 +257,6 @@ async function follow(library) {
     if (answer.status === 200) {
       version = answer.headers.get("X-Version");
       const data = await answer.json();
-      await render({ ...data, library });
       const [run] = data.runs, at = { clock: performance.now() / 1000, seconds: run.seconds };
       first ??= at;
       const going = run.status === "unfinished";
@@ -264,6 +266,7 @@ async function follow(library) {
       const pace = (at.seconds - first.seconds) / (at.clock - first.clock);
       const left = going && pace > 0 ? `, about ${duration((run.planned_seconds - run.seconds) / pace)} left` : "";
       $("#left").textContent = `${four(run.seconds)} of ${four(run.planned_seconds)} s simulated${left}`;
+      await render({ ...data, library });  // its words come at once, its plots take longer
       document.documentElement.dataset.ready = "yes";
       if (!going) return;
     }

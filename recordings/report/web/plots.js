@@ -37,7 +37,7 @@ const plots = {
       for (const panel of figure.panels) {
         const plot = make("div", { className: panel.rows.length ? "plot rows" : "plot" });
         plot.style.setProperty("--rows", panel.rows.length);
-        const box = make("div", { className: "panel" }, make("h3", {}, ...indexed(panel.label)), plot,
+        const box = make("div", { className: "panel" }, make("h3", {}, ...wrapped(panel.label)), plot,
           ...(panel.legend ? [make("ul", { className: "legend" })] : []));
         inner.append(box);
         this.drawn.push({ panel, box, plot });
@@ -55,13 +55,13 @@ const plots = {
   name({ panel, box }) {
     $(".legend", box)?.replaceChildren(...panel.curves.map(({ name, ink, dash, width }) =>
       make("li", {}, make("i", { innerHTML: `<svg viewBox="0 0 34 8"><path d="M1 4H33" fill="none" stroke="var(${ink === null ? "--ink" : `--ink-${ink % 8}`})" stroke-width="${Math.max(width, 2.2)}" stroke-dasharray="${this.dashes[dash]}"/></svg>` }),
-        make("span", {}, ...indexed(name)))));
+        make("span", {}, ...wrapped(name)))));
   },
 
   chooser(panels) {
     const names = new Map(panels.filter(({ joint }) => joint !== null).map((panel) => [panel.joint, panel.joint_name]));
     return make("div", { className: "joints" }, ...[...names].map(([joint, name]) => {
-      const button = make("button", { type: "button", textContent: name || `joint ${joint + 1}` });
+      const button = make("button", { type: "button" }, ...breakable(name || `joint ${joint + 1}`));
       button.dataset.joint = joint;
       button.addEventListener("click", () => this.choose(joint));
       return button;
@@ -127,12 +127,16 @@ const plots = {
       xaxis: { ...axis, title: { text: "simulated time (s)", font, standoff: 6 }, nticks: 7,
         ...(this.window ? { range: [Math.max(this.end - this.window, 0), this.end] } : panel.labels.length ? { range: [0, this.end] } : { rangemode: "tozero" }) },
       yaxis: { ...axis, nticks: 6,
-        ...(panel.logarithmic ? { type: "log", exponentformat: "e", dtick: !panel.y_range || panel.y_range[1] > 20 * panel.y_range[0] ? 1 : "D2",
+        ...(panel.logarithmic ? { type: "log", tickformat: "~g", nticks: this.ticks(panel),
           ...(panel.y_range && !this.window ? { range: panel.y_range.map(Math.log10) } : {}) } : {}),
         ...(panel.rows.length ? { tickvals: panel.rows.map((_, at) => at), ticktext: panel.rows,
           range: [panel.rows.length - 0.4, -0.6], zeroline: false } : {}) },
     };
   },
+
+  // With up to 3 ticks a decade or more has 1, 2 and 5 of each power of ten, or its powers alone, and
+  // at least two; with 5 what is less has some in even steps. "~g" writes them in full, as 0.2.
+  ticks({ y_range: range }) { return range && range[1] < 10 * range[0] ? 5 : 3; },
 
   labelled(panel, plot) { return panel.labels.length && !this.window && plot.clientWidth > 460; },
 
