@@ -80,6 +80,10 @@ class Control:
             **{name: np.ones(1) for name in (*truths, "computed_torque") if getattr(self, name)},
         }
 
+    def wanted(self) -> set[str]:
+        """Return the names of what is on and not zero: a law without it would be another."""
+        return {name for name, value in self.values().items() if value.any()}
+
 
 PD_ALONE = Control()
 

@@ -131,7 +131,7 @@ def _beyond_the_law(controller: Controller) -> str:
     given = [
         key
         for key in ("frequency", "ki", "torque_limit", "acceleration_feedforward")
-        if getattr(controller, key)
+        if np.any(getattr(controller, key) or 0)
     ]
     return f"what is proven is of PD alone, and not with {', '.join(given)}" if given else ""
 

@@ -4,7 +4,7 @@ It says nothing of other robots, so that those that were saved together go on in
 plain bytes and doubles, nothing to be executed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from struct import Struct
 
 import numpy as np
@@ -18,25 +18,28 @@ HEAD = Struct("<32sII")
 _TIME = Struct("<d")
 
 
-def encode(archive: Archive, numbers: Array, states: Sequence[bytes]) -> list[bytes]:
-    """Return the checkpoints of rows of numbers (rows, count), of which the first is the time."""
-    digest, rows = bytes.fromhex(archive.sha256), numbers.astype("<f8")
+def encode(archive: Archive, numbers: Iterable[Array], states: Sequence[bytes]) -> list[bytes]:
+    """Return the checkpoints of robots' numbers (count,), of which the first is the time."""
+    digest = bytes.fromhex(archive.sha256)
     return [
-        HEAD.pack(digest, row.size, len(state)) + row.tobytes() + state
-        for row, state in zip(rows, states, strict=True)
+        HEAD.pack(digest, row.size, len(state)) + row.astype("<f8").tobytes() + state
+        for row, state in zip(numbers, states, strict=True)
     ]
 
 
 def decode(
-    archive: Archive, robots: Sequence[int], data: Sequence[bytes], count: int
-) -> tuple[Array, list[bytes]]:
-    """Return what was encoded of some robots: their numbers (rows, count), and FMU states.
+    archive: Archive, robots: Sequence[int], data: Sequence[bytes], counts: Sequence[int]
+) -> tuple[list[Array], list[bytes]]:
+    """Return what was encoded of some robots: their so many numbers (count,), and FMU states.
 
     `FmuError` where one is not of this FMU, or not whole, and where `time_of` has it.
     """
     time_of(data, len(robots))
-    digest, after = bytes.fromhex(archive.sha256), HEAD.size + 8 * count
-    for robot, row in zip(robots, data, strict=True):
+    digest = bytes.fromhex(archive.sha256)
+    values: list[Array] = []
+    states: list[bytes] = []
+    for robot, row, count in zip(robots, data, counts, strict=True):
+        after = HEAD.size + 8 * count
         whose, numbers, length = HEAD.unpack_from(row)
         what = f"{archive.label}: the checkpoint given to robot {robot}"
         if whose != digest:
@@ -49,8 +52,9 @@ def decode(
             )
         if len(row) != after + length:
             raise FmuError(f"{what} has {len(row)} bytes, expected {after + length}")
-    values = np.frombuffer(b"".join(row[HEAD.size : after] for row in data), "<f8")
-    return values.reshape(len(data), count).astype(float), [row[after:] for row in data]
+        values.append(np.frombuffer(row[HEAD.size : after], "<f8").astype(float))
+        states.append(row[after:])
+    return values, states
 
 
 def time_of(data: Sequence[bytes], n: int) -> float:

@@ -1,9 +1,10 @@
-"""One robot in Model Exchange: dx/dt = f(t, x, tau + tau_d), with tau of the law at (t, q, qd).
+"""One robot in Model Exchange: dx/dt = f(t, x, tau + tau_d), with tau of the law at (t, q, qd, z).
 
-q and qd are the FMU's variables at (t, x), whatever its states are. Without a law there is no tau,
-and what is read may be called otherwise. Events are handled as FMI asks
-(2.0, section 3.2.2; 3.0, section 3.2.1): planned ones by their time, state events by the sign of
-the indicators z(t, x), step events as the FMU wants after a step, and jumps of the reference.
+q and qd are the FMU's variables at (t, x), whatever its states are, after which come those of the
+law, z (m,), where it integrates. Without a law there is no tau, and what is read may be called
+otherwise. Events are handled as FMI asks (2.0, section 3.2.2; 3.0, section 3.2.1): planned ones by
+their time, state events by the sign of the indicators at (t, x), step events as the FMU wants after
+a step, and jumps of the reference.
 """
 
 from collections.abc import Sequence
@@ -61,6 +62,8 @@ class Exchanged:
             if not self._input.is_complete:
                 self._expect(library.calls.get(*self._write), "access to tau")
         self._tau, self._control = np.zeros((1, m)), control
+        self._integrates = law is not None and "ki" in control.wanted()
+        self._integral_rate = np.zeros((1, m))
         self._rate_places = np.zeros(0, int)
         if law and needs_model(control):
             velocity = instances.vector(outputs[1], m)
@@ -71,8 +74,9 @@ class Exchanged:
                     f"{library.archive.label}: {velocity.name} is no state of the FMU's, by whose "
                     "rate the controller could tell its inertia"
                 )
-        self.states = np.zeros(description.numberOfContinuousStates)
-        self._rates = np.zeros(self.states.size)
+        self._own_states = description.numberOfContinuousStates
+        self.states = np.zeros(self._own_states + m * self._integrates)
+        self._rates = np.zeros(self._own_states)
         self.indicators = np.zeros(description.numberOfEventIndicators)
         self.states_at = self.states.ctypes.data
         self.indicators_at = self.indicators.ctypes.data
@@ -111,15 +115,19 @@ class Exchanged:
         handle, calls = self._handle, self._calls
         return (
             unless_fine(calls.set_time(handle, time))
-            or unless_fine(calls.set_states(handle, states, self.states.size))
+            or unless_fine(calls.set_states(handle, states, self._own_states))
             or self._apply_law(time, states)
         )
 
     def derivatives(self, time: float, states: int, derivatives: int) -> int:
         """Evaluate dx/dt at a time and states."""
         get = self._calls.get_derivatives
-        moved = unless_fine(self.move(time, states))
-        return moved or get(self._handle, derivatives, self.states.size)
+        status = unless_fine(self.move(time, states)) or get(
+            self._handle, derivatives, self._own_states
+        )
+        if self._integrates:
+            self._numbers(derivatives)[self._own_states :] = self._integral_rate[0]
+        return status
 
     def signs(self, time: float, states: int, indicators: int) -> int:
         """Evaluate the event indicators at a time and states."""
@@ -133,7 +141,7 @@ class Exchanged:
         They must be positive (FMI 2.0, section 3.2.1; FMI 3.0, section 3.1.1).
         """
         sizes = np.ones(self.states.size)
-        status = self._calls.get_nominals(self._handle, sizes.ctypes.data, sizes.size)
+        status = self._calls.get_nominals(self._handle, sizes.ctypes.data, self._own_states)
         self._expect(status, "asking for nominal values")
         wrong = ~(np.isfinite(sizes) & (sizes > 0))
         self.without_nominal.update((np.flatnonzero(wrong) + 1).tolist())
@@ -161,8 +169,8 @@ class Exchanged:
         """Return the law's torque now, (m,), N m, without the disturbance."""
         if not self._law:
             return np.zeros(self.state.size // 2)
-        asks = self._rate_places.size > 0
-        torque: Array = self._tau[0] if asks else self._law.torque(self.time, self.state)[0]
+        now = self._tau if self._is_more_than_pd else self._law.torque(self.time, self.state)
+        torque: Array = now[0]
         return torque
 
     def failure(self, cause: str) -> StepError:
@@ -187,7 +195,7 @@ class Exchanged:
         self.next_event = update.next_event
         status = (
             unless_fine(calls.enter_continuous_time_mode(handle))
-            or unless_fine(calls.get_states(handle, self.states_at, self.states.size))
+            or unless_fine(calls.get_states(handle, self.states_at, self._own_states))
             or self._apply_law(self.time, self.states_at)
         )
         self._expect(status, "an event")
@@ -201,23 +209,41 @@ class Exchanged:
         self._outputs.take()
         if not self._law:
             return 0
-        if self._rate_places.size:
-            self._effort[:] = self._model_effort(self._law, time, states)
+        if self._is_more_than_pd:
+            self._effort[:] = self._whole_effort(self._law, time, self._numbers(states))
         else:
             self._effort[:] = self._law.effort(time, self.state)
         self._input.give()
         return calls.set(*self._write)
 
-    def _model_effort(self, law: Law, time: float, states: int) -> Array:
-        """Return the effort (1, m) of a law that asks the equations, at states by their address."""
-        here = np.ctypeslib.as_array((c_double * self.states.size).from_address(states)).copy()
+    @property
+    def _is_more_than_pd(self) -> bool:
+        return self._integrates or self._rate_places.size > 0
+
+    def _numbers(self, address: int) -> Array:
+        """Return what is at an address, as large as the states."""
+        return np.ctypeslib.as_array((c_double * self.states.size).from_address(address))
+
+    def _whole_effort(self, law: Law, time: float, states: Array) -> Array:
+        """Return the effort (1, m) of a law that is more than PD, and find the integral's rate."""
+        own = self._own_states
+        asked = law.asked(time, self.state, states[None, own:] if self._integrates else None)
+        if self._rate_places.size:
+            asked = self._of_model(law, asked[0], states[:own].copy())[None]
+        self._tau = law.within_limits(asked)
+        if self._integrates:
+            self._integral_rate = law.integral_rate(time, self.state, asked - self._tau)
+        return law.disturbed(time, self._tau)
+
+    def _of_model(self, law: Law, u: Array, here: Array) -> Array:
+        """Return what is asked, (m,), of a law that asks the equations, at the FMU's states."""
         still = here.copy()
         still[self._rate_places] = 0.0
 
         def accelerate(torque: Array, at_rest: bool) -> Array:
             self._effort[0] = torque
             self._input.give()
-            handle, calls, n = self._handle, self._calls, self.states.size
+            handle, calls, n = self._handle, self._calls, self._own_states
             at = still if at_rest else here
             status = (
                 unless_fine(self._instances.library.calls.set(*self._write))
@@ -227,15 +253,13 @@ class Exchanged:
             self._expect(status, "evaluating the derivatives")
             return self._rate_factor * self._rates[self._rate_places]
 
-        u, m = law.asked(time, self.state)[0], self._tau.size
-        asked = model_torque(self._control, u, law.reference[0, 2 * m :], accelerate)
+        asked = model_torque(self._control, u, law.reference[0, 2 * u.size :], accelerate)
         if self._control.gravity_compensation:  # the last that was asked for was at rest
             self._expect(
-                self._calls.set_states(self._handle, here.ctypes.data, self.states.size),
+                self._calls.set_states(self._handle, here.ctypes.data, here.size),
                 "evaluating the derivatives",
             )
-        self._tau = law.within_limits(asked[None])
-        return law.disturbed(time, self._tau)
+        return asked
 
     def _expect(self, status: int, act: str) -> None:
         if not is_fine(status):

@@ -16,7 +16,7 @@ Accelerate = Callable[[Array, bool], Array]
 
 def needs_model(control: Control) -> bool:
     """Whether a law wants more of a plant than its q and qd."""
-    return bool(control.values().keys() - {"torque_limit", "ki"})
+    return bool(control.wanted() - {"torque_limit", "ki"})
 
 
 def model_torque(control: Control, u: Array, acceleration: Array, accelerate: Accelerate) -> Array:

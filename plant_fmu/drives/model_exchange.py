@@ -1,4 +1,4 @@
-"""The PD law in the right-hand side: each robot's equations are integrated beside its FMU.
+"""The law in the right-hand side: each robot's equations are integrated beside its FMU.
 
 Each robot has a solver of its own, so that its motion depends on no other's. A jump of its
 reference is an event, and a new beginning for the solver.
@@ -110,15 +110,15 @@ class ModelExchangePlants:
             for robot, law in zip(self._robots, self._laws, strict=True)
         ]
         states = self._states.save(self._robots[0].time)
-        return encode(self._instances.library.archive, np.array(numbers), states)
+        return encode(self._instances.library.archive, numbers, states)
 
     def restore(self, data: Sequence[bytes]) -> None:
         """Put back what `save` returned; only where it is `checkpointable`."""
         assert self._states is not None
         m, instances = self.q.shape[1], self._instances
-        count = 3 + 3 * m + self._robots[0].states.size
-        rows, own = decode(instances.library.archive, instances.robots, data, count)
-        self._states.restore(own, float(rows[0, 0]))
+        counts = [3 + 3 * m + robot.states.size for robot in self._robots]
+        rows, own = decode(instances.library.archive, instances.robots, data, counts)
+        self._states.restore(own, float(rows[0][0]))
         for numbers, robot, law, solver in zip(
             rows, self._robots, self._laws, self._solvers, strict=True
         ):

@@ -9,7 +9,15 @@ from nrs_cosim.plant_fmu.archives.archive import Archive, unpacked
 from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.archives.presence import expect_apart
 from nrs_cosim.plant_fmu.archives.quantities import MOTION
-from nrs_cosim.plant_fmu.drives.choice import RTOL, STEP, Driving, Offer, Undriven, choose
+from nrs_cosim.plant_fmu.drives.choice import (
+    RTOL,
+    STEP,
+    Driving,
+    Offer,
+    Undriven,
+    choose,
+    offers,
+)
 from nrs_cosim.plant_fmu.drives.reference_driven import ReferenceDrivenPlants
 from nrs_cosim.plant_fmu.drives.stepped import FreePlants
 from nrs_cosim.plant_fmu.drives.within_efforts import within_efforts
@@ -62,7 +70,9 @@ def open_plants(
     why = f"{offer.reason}; " + (
         "the scenario asks for it" if asked else "the FMU offers nothing more accurate"
     )
-    _expect_control(archive, offer, bodies)
+    if offer.way in {"heun", "hold"}:
+        others = {other.kind for other in offers(archive, names, sizes)} - {"CoSimulation"}
+        _expect_limits_alone(archive, offer, bodies, has_equations=bool(others))
     library = _loaded(stack, archive, offer.kind, load)
     if offer.way == "reference":
         return ReferenceDrivenPlants(library, bodies, names, why)
@@ -80,18 +90,21 @@ def open_plants(
             )
 
 
-def _expect_control(archive: Archive, offer: Offer, bodies: Sequence[Body]) -> None:
-    """Refuse what the law outside an FMU has not."""
-    if offer.way == "reference":
-        return
-    solved = offer.kind == "ModelExchange"
+def _expect_limits_alone(
+    archive: Archive, offer: Offer, bodies: Sequence[Body], *, has_equations: bool
+) -> None:
+    """Refuse what a law has not whose torque is held."""
     for body in bodies:
-        wanted = body.control.values().keys() - {"torque_limit"}
-        if lacking := sorted(wanted & {"ki"} if solved else wanted):
+        if lacking := sorted(body.control.wanted() - {"torque_limit"}):
             raise FmuError(
                 f"{archive.label}: {', '.join(lacking)}, as the controller of robot {body.robot} "
-                f"wants, is of FMUs that hold the law{'' if solved else ', or of Model Exchange'}; "
-                f"this one is driven by {quoted(offer.way)}"
+                f"wants, is of FMUs that hold the law, or of Model Exchange; this one is driven by "
+                f"{quoted(offer.way)}, a torque that is held: "
+                + (
+                    'leave plant.control away, or take plant.solver = "cvode"'
+                    if has_equations
+                    else "export it for Model Exchange, or leave that out of the controller"
+                )
             )
 
 

@@ -1,6 +1,7 @@
-"""tau = kp (ε(t) − q) + kd (υ(t) − qd), within a limit; tau_d(t) acts beside it.
+"""tau = kp e + kd (υ(t) − qd) + ki z, within a limit; tau_d(t) acts beside it.
 
-With s = t − t_hold, ε(t) = ε + s υ + s²/2 a and υ(t) = υ + s a; of a line, without the terms in a.
+e = ε(t) − q, and z' = e, but 0 where the limit binds and e would push on, as in controller.c. With
+s = t − t_hold, ε(t) = ε + s υ + s²/2 a and υ(t) = υ + s a; of a line, without the terms in a.
 """
 
 from collections.abc import Sequence
@@ -33,6 +34,8 @@ class Law:
     def __init__(self, bodies: Sequence[Body]) -> None:
         self._kp, self._kd = (np.array([getattr(b, gain) for b in bodies]) for gain in ("kp", "kd"))
         self._feedback = np.concatenate([self._kp, self._kd], axis=2)
+        none = np.zeros_like(self._kp[0])
+        self._ki = np.array([none if b.control.ki is None else b.control.ki for b in bodies])
         limits = [body.control.torque_limit for body in bodies]
         self._limit: Array | None = None
         if any(limit is not None for limit in limits):
@@ -73,13 +76,25 @@ class Law:
         position, velocity, acceleration = np.split(reference, 3, axis=1)
         self.hold(since, position, velocity, acceleration if acceleration.any() else None)
 
-    def asked(self, seconds: float, state: Array) -> Array:
-        """Return the PD torque (rows, m), N m, at a time in s and states (rows, 2 m), q and qd."""
+    def asked(self, seconds: float, state: Array, integral: Array | None = None) -> Array:
+        """Return the law's torque (rows, m), N m, at a time in s and states (rows, 2 m), q and qd.
+
+        The integral is z, (rows, m), rad s; without one it is the torque of PD alone.
+        """
         terms, since = self._terms or self._find_terms(), seconds - self.since
         reference = terms.held + since * terms.drift
         if terms.curve is not None:
             reference += since * since * terms.curve
-        return reference - _times(self._feedback, state)
+        torque: Array = reference - _times(self._feedback, state)
+        return torque if integral is None else torque + _times(self._ki, integral)
+
+    def integral_rate(self, seconds: float, state: Array, missing: Array) -> Array:
+        """Return z', (rows, m), where so much of what is asked is not applied, (rows, m), N m."""
+        since = seconds - self.since
+        error = self._position + since * self._velocity - state[:, : missing.shape[1]]
+        if self._acceleration is not None:
+            error += since * since / 2 * self._acceleration
+        return np.where(missing * error > 0.0, 0.0, error)
 
     def torque(self, seconds: float, state: Array) -> Array:
         """Return tau (rows, m), N m: what of `asked` is within the limits."""

@@ -53,8 +53,11 @@ def expect_stable(
         with trying(f"the stability of its step was estimated for robot {body.robot}"):
             held = _moving_span(probe, body, step)
             scaled = body.control.inertia_scaling or body.control.computed_torque
+            gains = [body.kp, body.kd]
+            if "ki" in body.control.wanted():
+                gains.append(body.control.values()["ki"])
             limit = min(
-                step_limit(np.hstack([inverse @ body.kp, inverse @ body.kd]), propagate)
+                step_limit(inverse @ np.hstack(gains), propagate)
                 for inverse in (
                     [np.eye(len(body.q))] if scaled else _inverse_inertias(probe, body, step, held)
                 )
@@ -133,9 +136,12 @@ def _pushed(probe: Probe, body: Body, q: Array, push: Array, step: float, span: 
 
 
 def _distinct(bodies: Sequence[Body]) -> list[Body]:
-    """Return the first robot of each set of parameters and gains."""
-    first: dict[tuple[str, bytes, bytes], Body] = {}
+    """Return the first robot of each set of parameters, gains and what the law has beside them."""
+    first: dict[tuple[str, ...], Body] = {}
     for body in bodies:
-        key = (repr(sorted(body.parameters.items())), body.kp.tobytes(), body.kd.tobytes())
+        given = body.parameters, {"kp": body.kp, "kd": body.kd, **body.control.values()}
+        key = tuple(
+            repr([(k, np.asarray(v).tolist()) for k, v in sorted(d.items())]) for d in given
+        )
         first.setdefault(key, body)
     return list(first.values())

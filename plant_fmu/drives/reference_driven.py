@@ -131,13 +131,15 @@ def start_values(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dic
 def _control(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dict[str, Array]:
     """Return what the law has beside its gains, by our names."""
     values = body.control.values()
-    lacking = [name for name in values if not has(archive, names, name)]
-    if lacking:
+    known = {name: value for name, value in values.items() if has(archive, names, name)}
+    if lacking := sorted(body.control.wanted() - known.keys()):
+        outside = "ModelExchange" in archive.kinds and takes(archive, names, "tau")
         raise FmuError(
             f"{archive.label}: holds a law of its own, which has no variable "
             f"{', '.join(lacking)}, as the controller of robot {body.robot} wants"
+            + ('; with plant.solver = "cvode" the law is outside of it' if outside else "")
         )
-    return values
+    return known
 
 
 def _disturbance(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dict[str, Array]:

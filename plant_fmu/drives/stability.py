@@ -1,7 +1,8 @@
 """Beyond which step the loop diverges, though it converges in continuous time: ρ(Φ(T)) = 1.
 
 Near rest a robot obeys q̈ = −F [q; q̇] with F = M⁻¹ [kp kd], and Φ(T) leads [q; q̇] from one step to
-the next. For a torque held over T on one axis the limit is min(2 M/kd, 2 kd/kp).
+the next. With ki, in Model Exchange, it is q̈ = −F [q; q̇; z], ż = q, with F = M⁻¹ [kp kd ki]. For a
+torque held over T on one axis the limit is min(2 M/kd, 2 kd/kp).
 """
 
 from collections.abc import Callable
@@ -11,7 +12,7 @@ import numpy as np
 from nrs_cosim.plant_fmu.plants import Array
 
 Propagate = Callable[[float, Array], Array]
-"""(T in s, F (m, 2 m), 1/s² and 1/s) → Φ (2 m, 2 m)"""
+"""(T in s, F (m, 2 m), 1/s² and 1/s; or F (m, 3 m)) → Φ, as large as [q; q̇; z]"""
 
 HALVINGS = 30
 """Of what the limit is sought in: it is known to a 10⁹th of that."""
@@ -60,8 +61,12 @@ def step_limit(feedback: Array, propagate: Propagate) -> float:
 
 def _rates(feedback: Array) -> Array:
     """Return the matrix of [q; q̇]' in continuous time."""
-    m = len(feedback)
-    return np.block([[np.zeros((m, m)), np.eye(m)], [-feedback]])
+    m, n = feedback.shape
+    rates = np.zeros((n, n))
+    rates[:m, m : 2 * m] = np.eye(m)
+    rates[m : 2 * m] = -feedback
+    rates[2 * m :, :m] = np.eye(n - 2 * m, m)
+    return rates
 
 
 def _drift(step: float, m: int) -> tuple[Array, Array]:

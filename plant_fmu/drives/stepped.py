@@ -100,7 +100,9 @@ class Stepped:
         """Put back what `save` returned; only where it is `checkpointable`."""
         assert self._states is not None
         m, instances = self.m, self.instances
-        numbers, states = decode(instances.library.archive, instances.robots, data, 2 + 3 * m)
+        counts = [2 + 3 * m] * len(self.state)
+        rows, states = decode(instances.library.archive, instances.robots, data, counts)
+        numbers = np.array(rows)
         self.time = float(numbers[0, 0])
         self.law.take_up(float(numbers[0, 1]), numbers[:, 2:])
         self._states.restore(states, self.time)

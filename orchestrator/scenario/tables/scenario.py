@@ -92,7 +92,7 @@ class Controller(Table):
     ki: Gain | None = Field(
         None,
         description="N m/(rad s), as kp, or 1/s³ with frequency: ki times the integral of "
-        "position_i − q, which rests where torque_limit keeps it from counting",
+        f"position_i − q, which rests where torque_limit keeps it from counting{_MADE_UP_FOR}",
     )
     torque_limit: TorqueLimit | None = Field(
         None,
