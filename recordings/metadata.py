@@ -29,7 +29,6 @@ from nrs_cosim.bus.text import quoted
 from nrs_cosim.bus.topics import Topics
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.container import Closing
-from nrs_cosim.recordings.theory_record import TheoryRecord
 
 RUN = "nrs.run"
 """The metadata record that describes the run: seed, robots, joints, ticks, periods, plants."""
@@ -190,7 +189,8 @@ class EndRecord(_Record):
     """Of what was recovered: the digest of all of the run, empty if unknown."""
     rejected: Json[dict[str, Annotated[int, Field(ge=0)]]] | None = None
     measured: Json[MeasuredRecord] | None = None
-    theory: Json[TheoryRecord] | None = None
+    theory: Json[dict[str, Any]] | None = None
+    """See `recordings.theory_record`; one of another version has another form."""
     links: Json[LinkRecord] | None = None
     samples: Annotated[Whole, Field(ge=0)] | None = None
     """How many of the messages are samples of robots."""

@@ -60,6 +60,8 @@ class _MeanSquare(_Part):
 class TheoryRecord(_Part):
     """A run beside the theory; see `analysis.comparison.TheoryComparison`."""
 
+    of: str
+    """SHA-256 of all that it follows from: another run's, or another version's, is none."""
     why_not: str
     quantities: tuple[_Quantity, ...]
     spectral_radius: _Number
@@ -72,4 +74,4 @@ class TheoryRecord(_Part):
 
     def as_json(self) -> dict[str, Any]:
         """Return it for JSON, as the comparison that it was made from does."""
-        return self.model_dump(mode="json")
+        return self.model_dump(mode="json", exclude={"of"})

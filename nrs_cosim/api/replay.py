@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from nrs_cosim.api.run import Progress, execute
 from nrs_cosim.api.scenario import change_of
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.text import quoted
+from nrs_cosim.orchestrator.analysis.results import wrong_at_end
 from nrs_cosim.orchestrator.cli.output_paths import expect_another
 from nrs_cosim.orchestrator.engine.attachments import with_allowed_fmus
 from nrs_cosim.orchestrator.engine.in_process import in_process
@@ -54,7 +56,10 @@ def verify(
         experiment = opened._experiment
         if allow_fmus:
             experiment = with_allowed_fmus(experiment)
-        return verify_module.verify(opened._reader, experiment, plants=not agents_only)
+        found = verify_module.verify(opened._reader, experiment, plants=not agents_only)
+        if found.status == "identical" and not found.by_libraries:
+            found = replace(found, at_end=wrong_at_end(opened._reader, experiment))
+        return found
 
 
 def what_if(

@@ -1,24 +1,28 @@
 """What a recording says of its run, with the theory beside it: one result, whoever shows it.
 
-`nrs run` stores the theory at the end of a run that came to it. It is taken from there as what was
-measured is, where checksums vouch for the file, and where this version computed it: another may
-know more.
+`nrs run` stores the theory at the end of a run that came to it, with a hash of what it follows
+from: messages, scenario, and the version that computed it. Where that is all the same, and
+checksums vouch for the file, it is taken from there, as what was measured is; `info --verify` and
+`replay --verify` compute it anew.
 """
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from hashlib import sha256
 from importlib.metadata import version
 from math import isclose
 from pathlib import Path
 from typing import Any
 
-from nrs_cosim.orchestrator.engine.summary import describe, lines, measure
+from nrs_cosim.bus.errors import InputError, RunError
+from nrs_cosim.orchestrator.engine.summary import describe, lines, measure, wrong_measurement
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
 from nrs_cosim.orchestrator.scenario.tables.algorithms import NotInstalled
 from nrs_cosim.recordings.mcap.container import END
 from nrs_cosim.recordings.mcap.reader import Reader
-from nrs_cosim.recordings.measurement import SteadyState
-from nrs_cosim.recordings.metadata import THEORY
+from nrs_cosim.recordings.measurement import SteadyState, steady_state
+from nrs_cosim.recordings.metadata import THEORY, parse
 from nrs_cosim.recordings.schemas import about
 from nrs_cosim.recordings.theory_record import TheoryRecord
 
@@ -55,22 +59,32 @@ class Result:
 def theory_beside(path: Path, experiment: Experiment) -> dict[str, str]:
     """Return what is said of the theory at the end of a run, whose recording is whole.
 
-    Nothing where it has a number that is not finite.
+    Nothing where it cannot be computed, or has a number that is not finite.
     """
-    with Reader(path) as reader:
-        found = _computed(reader, experiment, measure(reader, experiment))
     try:
-        return {THEORY: TheoryRecord.model_validate(found).model_dump_json()}
-    except ValueError:
+        with Reader(path) as reader:
+            found = _computed(reader, experiment, measure(reader, experiment))
+            record = TheoryRecord.model_validate({"of": _origin(reader), **found})
+    except (InputError, RunError, ValueError):
         return {}
+    return {THEORY: record.model_dump_json()}
 
 
 def wrong_theory(reader: Reader, theory: Mapping[str, Any]) -> str:
     """Say that what was stored of a whole run is not what is computed, where it is not."""
-    found = reader.ending.theory if reader.ending and reader.computed and reader.digest else None
-    if found is None or not _is_ours(reader) or _alike(found.as_json(), theory):
+    found = _record(reader) if reader.digest else None
+    if found is None or _alike(found.as_json(), theory):
         return ""
     return f"{END}: {THEORY}: is not what the scenario and the messages give"
+
+
+def wrong_at_end(reader: Reader, experiment: Experiment) -> str:
+    """Say what a run stored of its errors at its end that is not what comes out of its messages."""
+    measured = steady_state(reader, experiment.target_at, experiment.byzantine)
+    wrong = wrong_measurement(reader, measured)
+    if not wrong and _record(reader):
+        wrong = wrong_theory(reader, _computed(reader, experiment, measured))
+    return wrong
 
 
 def _computed(reader: Reader, experiment: Experiment, measured: SteadyState) -> dict[str, Any]:
@@ -84,15 +98,28 @@ def _computed(reader: Reader, experiment: Experiment, measured: SteadyState) -> 
 
 def _stored(reader: Reader, experiment: Experiment) -> dict[str, Any] | None:
     """Return what a run said of the theory; None where it did not, or is not to be believed."""
-    found = reader.ending.theory if reader.ending and not reader.computed else None
     missing = isinstance(experiment.scenario.algorithm, NotInstalled)
-    if found is None or missing or experiment.text != about(reader).scenario:
+    if reader.computed or missing or experiment.text != about(reader).scenario:
         return None
-    return found.as_json() if _is_ours(reader) else None
+    found = _record(reader)
+    return found.as_json() if found else None
 
 
-def _is_ours(reader: Reader) -> bool:
-    return about(reader).versions.get("nrs-cosim") == version("nrs-cosim")
+def _record(reader: Reader) -> TheoryRecord | None:
+    """Return what is stored of this very run by this version; `UnreadableError` if malformed."""
+    found = reader.ending.theory if reader.ending else None
+    if found is None or found.get("of") != _origin(reader):
+        return None
+    return parse(reader.path, f"{END}: {THEORY}", TheoryRecord, found)
+
+
+def _origin(reader: Reader) -> str:
+    """Return the SHA-256 of what the theory of a recording follows from."""
+    said = about(reader)
+    assets = {field: asset.sha256 for field, asset in sorted(said.assets.items())}
+    plants = [(group.sha256, group.robots) for group in said.run.plants]
+    of = [version("nrs-cosim"), reader.digest_here, said.scenario, assets, plants]
+    return sha256(json.dumps(of).encode()).hexdigest()
 
 
 def _alike(stored: Any, computed: Any) -> bool:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from queue import Empty, Queue
 
@@ -11,6 +12,7 @@ from nrs_cosim.bus.clock import NS_PER_S
 from nrs_cosim.bus.errors import InputError, MissingExtraError
 from nrs_cosim.bus.network.endpoints import Endpoints
 from nrs_cosim.bus.plurals import count_of
+from nrs_cosim.orchestrator.analysis.results import wrong_at_end
 from nrs_cosim.orchestrator.cli.output_paths import expect_another
 from nrs_cosim.orchestrator.cli.progress import reading
 from nrs_cosim.orchestrator.cli.terminal_run import perform
@@ -66,6 +68,8 @@ def verify_again(
             if compiling:
                 experiment = with_compiled_fmus(experiment)
             found = verify(reader, experiment, plants=plants)
+            if found.status == "identical" and not found.by_libraries:
+                found = replace(found, at_end=wrong_at_end(reader, experiment))
         for damage in reader.damage[known:]:
             say("yellow", "damage", damage)
         return found, about(reader).versions
@@ -81,6 +85,9 @@ def verify_again(
         say("red", "differs", verification.difference.between("the recording", "the replay"))
         if verification.by_libraries:
             say("yellow", "libraries", _libraries(versions))
+        raise typer.Exit(FAILED)
+    if verification.at_end:
+        say("red", "differs", verification.at_end)
         raise typer.Exit(FAILED)
     same = _compared(verification, plants)
     if verification.status == "identical":

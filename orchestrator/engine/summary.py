@@ -279,7 +279,7 @@ def stored_measurement(reader: Reader, experiment: Experiment) -> SteadyState | 
 
 def wrong_measurement(reader: Reader, measured: SteadyState) -> str:
     """Say that what was stored of a whole run is not what its messages give, where it is not."""
-    stored = reader.ending.measured if reader.ending and reader.computed and reader.digest else None
+    stored = reader.ending.measured if reader.ending and reader.digest else None
     if stored is None or stored.model_dump() == asdict(measured):
         return ""
     return f"{END}: {MEASURED}: is not what the messages give"

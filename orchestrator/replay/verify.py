@@ -78,13 +78,15 @@ class Verification:
     """How many the run had that are not here; None where it is not known how many."""
     checkpoints: int = 0
     """How many messages of these ticks are plants' checkpoints, which are not computed again."""
+    at_end: str = ""
+    """What the run stored at its end that does not come out again; empty where all does."""
     by_libraries: bool = False
     """Whether sin, cos and draws are those of NumPy, SciPy and the C library, as when recorded."""
 
     @property
     def status(self) -> Literal["identical", "differs", "unverified"]:
         """Identical only where all messages of the run were looked at, and are the same."""
-        if self.difference:
+        if self.difference or self.at_end:
             return "differs"
         return "identical" if self.unseen == 0 and self.missing == 0 else "unverified"
 

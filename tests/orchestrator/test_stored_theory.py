@@ -20,6 +20,7 @@ from tests.scenarios import SHORT, example, paper, write
 
 NOISY = {"faults.links": [{"noise": 0.01}]}
 LOSSY = {"faults.links": [{"loss": 0.1}]}
+LIE, WRONG = {"spectral_radius": 0.5}, "theory: is not what the scenario and the messages give"
 LOADS = """import sys
 from nrs_cosim.orchestrator.__main__ import main
 sys.argv = ["nrs", "info", sys.argv[1]]
@@ -65,32 +66,38 @@ def test_info_of_a_run_computes_no_theory_and_so_does_that_of_one_that_was_resum
         assert stored == computed
 
 
-def test_what_is_not_computed_so_is_seen_through_and_another_versions_is_computed(tmp_path):
+def test_a_lie_is_seen_through_and_what_is_of_another_run_or_version_is_computed(tmp_path):
     scenario = write(tmp_path / "s.toml", SHORT)
     assert nrs("run", scenario, "-o", tmp_path / "run.mcap").returncode == 0
     honest = Sealed(tmp_path / "run.mcap")
 
-    def lie(end):
-        return {**end, THEORY: json.dumps({**json.loads(end[THEORY]), "spectral_radius": 0.5})}
+    def lie(end, **more):
+        return {**end, THEORY: json.dumps({**json.loads(end[THEORY]), **(LIE | more)})}
 
     def radius(path):
         with Reader(path) as reader:
             return Result.of(reader, experiment_of(reader)).theory["spectral_radius"]
 
-    def former(records):
-        return {**records, "nrs.versions": {**records["nrs.versions"], "nrs-cosim": "0.1.9"}}
-
     liar = honest.again(tmp_path / "liar.mcap", ending=lie)
-    old = honest.again(tmp_path / "old.mcap", metadata=former, ending=lie)
-    assert (radius(liar), radius(old)) == (0.5, radius(honest.path))
+    other = honest.again(tmp_path / "other.mcap", ending=lambda end: lie(end, of="0" * 64))
+    later = honest.again(tmp_path / "later.mcap", ending=lambda end: {**end, THEORY: '{"v": 3}'})
+    assert (radius(liar), radius(other)) == (0.5, radius(honest.path))
+    assert radius(later) == radius(honest.path)
     asked = json.loads(nrs("info", liar, "--json", "--verify").stdout)
-    assert asked["damage"] == ["nrs.end: theory: is not what the scenario and the messages give"]
+    assert asked["damage"] == [f"nrs.end: {WRONG}"]
     assert asked["theory"]["spectral_radius"] == radius(honest.path)
+    verified = nrs("replay", liar, "--verify", "--agents-only")
+    assert (verified.returncode, WRONG in verified.stdout + verified.stderr) == (1, True)
+    refused = honest.again(tmp_path / "bad.mcap", ending=lambda end: lie(end, quantities=3))
+    done = nrs("info", refused)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"error: {refused}: nrs.end: theory: quantities: ")
 
 
 @pytest.mark.parametrize("wrong", [{"spectral_radius": "NaN"}, {"quantities": 3}, {"why_not": []}])
 def test_what_is_no_such_record_is_named(wrong):
     whole = {
+        "of": "0" * 64,
         "why_not": "",
         "quantities": [],
         **dict.fromkeys(
@@ -99,7 +106,8 @@ def test_what_is_no_such_record_is_named(wrong):
         "untracked": "",
         "mean_squares": [],
     }
-    assert TheoryRecord.model_validate(whole).as_json() == whole
+    shown = TheoryRecord.model_validate(whole).as_json()
+    assert {**shown, "of": whole["of"]} == whole
     with pytest.raises(ValueError, match=next(iter(wrong))):
         TheoryRecord.model_validate(whole | wrong)
 
