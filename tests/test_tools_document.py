@@ -103,7 +103,6 @@ def test_a_websocket_client_receives_a_replay(folder, words):
     with Foxglove(0) as view, Recording(folder / "run.mcap") as recording:
         states = recording.states(3)
         view.replay(folder / "run.mcap", 0, int(states["time_ns"][-1]), 1e5)
-        view.wait_until_served()
         program = program_with(words, "ws://127.0.0.1:8765", view.address)
         name, *lines = first_lines(program, len(states) + 1)
     assert name == "run.mcap\n"

@@ -160,7 +160,6 @@ def serve(
     with Foxglove(port) as server:
         until = last if end_ns is None else min(end_ns - 1, last)
         server.replay(Path(reader.path), start_ns or 0, until, speed)
-        server.wait_until_served()
         say("blue", "replay", "it plays when somebody listens, and stays until Ctrl-C")
         server.wait()
     if server.has_failed:

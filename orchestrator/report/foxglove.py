@@ -49,16 +49,19 @@ class Foxglove(ViewProcess):
         """Serve what a run writes into a recording from now on; `InputError` where it cannot."""
         del final  # the file that is open stays the same by another name
         self._serve({"recording": str(recording), "before": file_state(recording)})
+        say("blue", "foxglove", self.address)
 
     def replay(self, recording: Path, start_ns: int, end_ns: int, speed: float) -> None:
-        """Serve a recording; `InputError` where it cannot."""
+        """Serve a recording, and wait until it is served; `InputError` where it cannot be."""
         times = {"start_ns": start_ns, "end_ns": end_ns, "speed": speed}
         self._serve({"recording": str(recording.absolute()), **times})
+        if self.is_served():
+            say("blue", "foxglove", self.address)
 
-    def wait_until_served(self) -> None:
-        """Wait until it serves, or has ended."""
-        if self.process and self.process.stdout:
-            self.process.stdout.readline()
+    def is_served(self) -> bool:
+        """Wait until it serves, and return True, or has ended; to be asked once."""
+        found = self.process.stdout.readline() if self.process and self.process.stdout else b""
+        return found.decode().strip() == LISTENS
 
     def _serve(self, what: dict[str, Any]) -> None:
         for module, package in _NEEDED.items():
@@ -75,7 +78,6 @@ class Foxglove(ViewProcess):
             json.dumps({**what, "port": self._port}),
             stdout=subprocess.PIPE,
         )
-        say("blue", "foxglove", self.address)
 
 
 def _serve(what: dict[str, Any]) -> None:

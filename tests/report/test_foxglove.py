@@ -27,7 +27,6 @@ def test_who_comes_late_has_a_run_from_its_beginning_and_a_replay_begins_with_wh
     path.write_bytes(b"what was here before")
 
     def received(view):
-        view.wait_until_served()
         with Client(view.address) as client:
             client.until(lambda: client.channels.keys() >= {*TOPICS}).subscribe(TOPICS)
             client.until(lambda: len(client.messages) >= len(expected))
@@ -42,6 +41,7 @@ def test_who_comes_late_has_a_run_from_its_beginning_and_a_replay_begins_with_wh
         with Reader(tmp_path / "scene.mcap") as scene:
             expected = sorted((m[1], m[0], m[3]) for m in scene.messages(TOPICS))
         assert {topic for topic, *_ in expected} == {*TOPICS}
+        assert view.is_served()
         assert received(view) == expected
     with Foxglove(0) as again:
         again.replay(path, 0, end, 1e5)
