@@ -84,6 +84,7 @@ def check(
         with_compiled_fmus,
     )
     from nrs_cosim.orchestrator.engine.scenario_warnings import scenario_warnings
+    from nrs_cosim.orchestrator.engine.units import other_rates
     from nrs_cosim.orchestrator.scenario.file import read_scenario, scenario_name
 
     experiment = read_scenario(scenario, changes_of(changes))
@@ -93,8 +94,9 @@ def check(
             if compiling:
                 experiment = with_compiled_fmus(experiment)
             groups = group_by_archive(experiment)
-            open_fleet(stack, groups, experiment.bodies())
-            for warning in scenario_warnings(experiment):
+            fleet = open_fleet(stack, groups, experiment.bodies())
+            drives = ((g.plant.fmu, p.drive) for g, p in zip(groups, fleet.plants, strict=True))
+            for warning in (*scenario_warnings(experiment), *other_rates(drives)):
                 say("yellow", "warning", warning)
         find = Sampling(experiment)
         begin("whether the estimates converge")

@@ -32,6 +32,7 @@ from nrs_cosim.orchestrator.engine.plants import (
 from nrs_cosim.orchestrator.engine.run import Outcome
 from nrs_cosim.orchestrator.engine.run import run as run_scenario
 from nrs_cosim.orchestrator.engine.summary import experiment_of
+from nrs_cosim.orchestrator.engine.units import other_rates
 from nrs_cosim.orchestrator.errors import Interrupted
 from nrs_cosim.orchestrator.exit_status import DONE, FAILED, INTERRUPTED
 from nrs_cosim.orchestrator.replay.verify import expect_same_types
@@ -146,6 +147,9 @@ def perform(
     whole = path.absolute()
     with progress.reading(err) as follow, Reader(whole, watch=follow(path)) as reader:
         result = Result.of(reader, experiment)
+        drives = [(plant["fmu"], plant["drive"]) for plant in about(reader).plants]
+    for warning in other_rates(drives):
+        say("yellow", "warning", warning)
     if as_json:
         print_json({**result.as_json(), "file": storable(str(path))})
     else:

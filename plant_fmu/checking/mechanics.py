@@ -20,12 +20,13 @@ from nrs_cosim.plant_fmu.drives.choice import STEP, Offer
 from nrs_cosim.plant_fmu.drives.grid import parts
 from nrs_cosim.plant_fmu.drives.model_exchange import ModelExchangePlants
 from nrs_cosim.plant_fmu.drives.own_law import without_own_law
-from nrs_cosim.plant_fmu.drives.probe import Probe
+from nrs_cosim.plant_fmu.drives.probe import Probe, under_torque
+from nrs_cosim.plant_fmu.drives.rate import STEPS, Path, path
 from nrs_cosim.plant_fmu.drives.runge_kutta import RungeKutta
 from nrs_cosim.plant_fmu.drives.torque_held import TorqueHeldPlants
 from nrs_cosim.plant_fmu.errors import FmuError, StillError
 from nrs_cosim.plant_fmu.fmi.library import Kind, Library
-from nrs_cosim.plant_fmu.plants import PD_ALONE, Array, Body, Disturbance
+from nrs_cosim.plant_fmu.plants import PD_ALONE, Array, Body
 
 AHEAD = 1e-2
 """rad, or s along q̇: half the distance over which what depends on q is differentiated."""
@@ -147,11 +148,14 @@ class MechanicsProbe:
             )
         return inverse, rest
 
-    def motion(self, qd: Array, span: float) -> tuple[Array, Array]:
-        """Return how far q goes from the start at q̇ (m,) in four spans, and what q̇ adds up to."""
-        velocities = self._velocities(self.start, qd, np.zeros(len(qd)), span)
-        summed = np.asarray(np.trapezoid(velocities, dx=span, axis=0), float)
-        return self._probe.q[0] - self.start, summed
+    def path(self, q: Array, qd: Array, side: float) -> Path:
+        """Return how joints go from q at q̇, (m,), as pushes to a side, 1 or −1, move them.
+
+        What q̇ is at the start is what it was told: only later ones are of the FMU's equations.
+        """
+        self._start(q, qd, side * self._pushes)
+        span = self.spans[-1]
+        return path(self._passed(span, STEPS + 1)[1:], span)
 
     def power_gained(self, q: Array, qd: Array, span: float) -> tuple[float, float]:
         """Return (d/dt(½ q̇'Mq̇) − q̇'(tau − G)) at tau = G, relative to its terms and q̇'Mq̇ / s.
@@ -204,17 +208,21 @@ class MechanicsProbe:
     def _velocities(self, q: Array, qd: Array, tau: Array, span: float) -> Array:
         """Return q̇ at five times that are a span apart, (5, m)."""
         self._start(q, qd, tau)
+        return self._passed(span, len(_FORWARD) - 1)[:, 1]
+
+    def _passed(self, span: float, steps: int) -> Array:
+        """Return q and q̇ at times that are a span apart from now on, (steps + 1, 2, m)."""
         internal, time = self.stairs.internal, self.stairs.lead
         if time:
             self._advance(0.0, time)
-        velocities = [self._probe.qd[0].copy()]
+        passed = [np.stack([self._probe.q[0], self._probe.qd[0]])]
         count = round(span / internal) if internal else 1
-        for _ in range(len(_FORWARD) - 1):
+        for _ in range(steps):
             for _ in range(count):
                 self._advance(time, span / count)
                 time += span / count
-            velocities.append(self._probe.qd[0].copy())
-        return np.array(velocities)
+            passed.append(np.stack([self._probe.q[0], self._probe.qd[0]]))
+        return np.array(passed)
 
     def _from_rest(self, step: float, steps: int) -> Array:
         """Return q̇ from rest under a torque of 1 on each joint and under −1, (steps + 1, 2 m).
@@ -238,22 +246,8 @@ class MechanicsProbe:
 
     def _start(self, q: Array, qd: Array, tau: Array) -> None:
         """Start anew under a constant torque alone."""
-        m = len(q)
         self.states += 1
-        none, torque = np.zeros((m, m)), Disturbance(tau, np.zeros(m), *np.zeros((3, m, 0)))
-        self._probe.start_again(
-            [
-                replace(
-                    self._body,
-                    q=q,
-                    qd=qd,
-                    kp=none,
-                    kd=none,
-                    disturbance=torque,
-                    control=PD_ALONE,
-                )
-            ]
-        )
+        self._probe.start_again([under_torque(self._body, q, qd, tau)])
         there = np.concatenate([self._probe.q[0], self._probe.qd[0]])
         if not np.allclose(there, np.concatenate([q, qd]), rtol=1e-9, atol=1e-9):
             raise FmuError(

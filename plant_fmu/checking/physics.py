@@ -1,17 +1,20 @@
-"""Whether a plant is mechanics: M symmetric and positive definite, G that rests, no power gained.
+"""Whether a plant is mechanics: q̇ is q's rate, M symmetric, definite, G rests, no power is gained.
 
 Only what is found at each of two spans is held against the FMU; what cannot be found is unknown.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import permutations
 from math import isfinite
 
 import numpy as np
 
 from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.bus.plurals import numbered
 from nrs_cosim.plant_fmu.checking.budget import OverBudgetError
 from nrs_cosim.plant_fmu.checking.findings import Finding
 from nrs_cosim.plant_fmu.checking.mechanics import HOLDING, MechanicsProbe
+from nrs_cosim.plant_fmu.checking.rates import rate_finding
 from nrs_cosim.plant_fmu.drives.probe import SEED
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.plants import Array
@@ -21,6 +24,8 @@ AROUND = 2.0
 """rad, rad/s: how far the postures are drawn about the start, and velocities about rest."""
 TOLERANCE = 3e-3
 """Of what is relative: asymmetry, power."""
+MOST_ORDERED = 4
+"""Joints of which all orders are tried."""
 DRIFT, MOST_GROWTH = 1e-3, 100.0
 """rad, per growth of a deviation; beyond so much growth a drift says nothing."""
 
@@ -45,25 +50,28 @@ def physics(mechanics: MechanicsProbe, why_slow: str) -> Iterator[Finding]:
         why = refusal or "its accelerations are not finite"
         yield Finding("physics", "mechanics", "unknown", f"cannot be probed: {why}")
         return
+    velocities = drawn.uniform(-AROUND, AROUND, (len(postures), len(start)))
+    try:
+        yield rate_finding(mechanics, postures, list(velocities))
+    except OverBudgetError as over:
+        yield Finding("physics", "rate", "unknown", f"cannot be probed: {over}{why_slow}")
+    amiss = _amiss(mobilities[0][-1])
     asymmetry = max(min(map(asymmetry_of, at)) for at in mobilities)
     yield _judged(
         "M symmetric",
         asymmetry <= TOLERANCE,
-        f"relative asymmetry {asymmetry:.2g} at {len(postures)} postures",
+        f"{amiss}relative asymmetry {asymmetry:.2g} at {len(postures)} postures",
         asymmetry,
     )
     ratio = min(max(map(_definiteness, at)) for at in mobilities)
     definite = ratio > 0
-    text = f"smallest eigenvalue over largest {ratio:.2g} at {len(postures)} postures"
-    if all(_definiteness(-mobility) > 0 for at in mobilities for mobility in at):
-        text = f"torque acts against its sign: {text}"
+    text = f"{amiss}smallest eigenvalue over largest {ratio:.2g} at {len(postures)} postures"
     yield _judged("M positive definite", definite, text, ratio)
     if asymmetry > TOLERANCE or not definite:
         for name in ("rests", "power"):
             why = "cannot be probed: without a mass matrix there is neither G nor kinetic energy"
             yield Finding("physics", name, "unknown", why)
         return
-    velocities = drawn.uniform(-AROUND, AROUND, (len(postures), len(start)))
     judges: dict[str, Callable[[], Finding]] = {
         "rests": lambda: _resting(mechanics, postures),
         "power": lambda: _balancing(mechanics, postures, list(velocities)),
@@ -134,6 +142,29 @@ def asymmetry_of(mobility: Array) -> float:
     """Return how far M⁻¹ (m, m) is from symmetric, relative to its largest number."""
     size = float(np.abs(mobility).max())
     return float(np.abs(mobility - mobility.T).max()) / size if size else 0.0
+
+
+def _amiss(mobility: Array) -> str:
+    """Begin a sentence with what signs or order of torques would make M symmetric and definite.
+
+    Where there is none, it is asked; nothing is said of M⁻¹ (m, m) that is so.
+    """
+    m, joints = len(mobility), np.arange(len(mobility))
+    if _is_inertia(mobility):
+        return ""
+    against = mobility.diagonal() < 0
+    if _is_inertia(mobility * np.where(against, -1, 1)):
+        which = f" on {numbered('joint', (joints[against] + 1).tolist())}" * (m > 1)
+        return f"torque acts against its sign{which}: "
+    for order in permutations(joints) if m <= MOST_ORDERED else ():
+        if _is_inertia(mobility[:, order]):
+            wanted = ", ".join(str(joint + 1) for joint in order)
+            return f"it would hold with the numbers of tau in the order {wanted}: "
+    return "are q, qd and tau in one order of joints? " * (m > 1)
+
+
+def _is_inertia(mobility: Array) -> bool:
+    return asymmetry_of(mobility) <= TOLERANCE and _definiteness(mobility) > 0
 
 
 def _definiteness(mobility: Array) -> float:

@@ -17,6 +17,7 @@ from nrs_cosim.plant_fmu.checking.budget import VALIDATING, Budget
 from nrs_cosim.plant_fmu.checking.findings import CheckTask, Finding
 from nrs_cosim.plant_fmu.checking.mechanics import TORQUE, MechanicsProbe, open_probe
 from nrs_cosim.plant_fmu.checking.physics import physics
+from nrs_cosim.plant_fmu.checking.rates import rate_by_references
 from nrs_cosim.plant_fmu.checking.resetting import resetting
 from nrs_cosim.plant_fmu.checking.running import at_start, fitted, resuming, running, slowness
 from nrs_cosim.plant_fmu.checking.starting import starting
@@ -65,6 +66,8 @@ def findings(task: CheckTask, budget: Budget) -> Iterator[Finding]:
             mechanics = MechanicsProbe(probe, body, budget)
         except CosimError as error:
             yield Finding("physics", "mechanics", "unknown", f"cannot be probed: {error}")
+            if chosen.way not in TORQUE:
+                yield rate_by_references(task, body, budget)
         else:
             why_slow = slowness(mechanics)
             yield from physics(mechanics, why_slow)

@@ -7,7 +7,6 @@ postures is of the FMU only where that holds.
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,8 +17,8 @@ from nrs_cosim.plant_fmu.checking.budget import Budget
 from nrs_cosim.plant_fmu.checking.findings import Finding, FindingStatus
 from nrs_cosim.plant_fmu.checking.mechanics import open_probe
 from nrs_cosim.plant_fmu.drives.choice import Offer
-from nrs_cosim.plant_fmu.drives.probe import Probe
-from nrs_cosim.plant_fmu.plants import PD_ALONE, Array, Body, Disturbance
+from nrs_cosim.plant_fmu.drives.probe import Probe, under_torque
+from nrs_cosim.plant_fmu.plants import Array, Body
 
 STEP, STEPS = 0.02, 50
 """s"""
@@ -41,10 +40,7 @@ def resetting(
     def finding(status: FindingStatus, text: str, value: float | None = None) -> Finding:
         return Finding("runs", "reset", status, text, value)
 
-    m = len(body.q)
-    push = Disturbance(np.ones(m), np.zeros(m), *np.zeros((3, m, 0)))
-    none = np.zeros((m, m))
-    pushed = replace(body, kp=none, kd=none, disturbance=push, control=PD_ALONE)
+    pushed = under_torque(body, body.q, body.qd, np.ones(len(body.q)))
     try:
         with ExitStack() as stack:
             probe = open_probe(stack, archive, pushed, names, offered, chosen).probe

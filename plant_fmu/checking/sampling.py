@@ -20,8 +20,10 @@ from nrs_cosim.plant_fmu.bundled.bounds import Bounds
 from nrs_cosim.plant_fmu.checking.budget import Budget, OverBudgetError
 from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.checking.mechanics import MechanicsProbe, open_probe
+from nrs_cosim.plant_fmu.checking.rates import rate_finding
 from nrs_cosim.plant_fmu.drives.choice import choose, offers
 from nrs_cosim.plant_fmu.drives.probe import SEED
+from nrs_cosim.plant_fmu.drives.rate import NOT_THE_RATE
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.assignment import assignments, sizes_of
 from nrs_cosim.plant_fmu.plants import Array
@@ -48,8 +50,11 @@ def sampled(task: CheckTask, budget: Budget) -> Bounds:
     chosen = choose(archive, task.names, task.driving, sizes)
     with ExitStack() as stack:
         probe = open_probe(stack, archive, body, task.names, offered, chosen)
-        found = _Worst(MechanicsProbe(probe, body, budget))
-        return found.bounds(len(body.q))
+        mechanics, m = MechanicsProbe(probe, body, budget), len(body.q)
+        rate = rate_finding(mechanics, [body.q] * 2, [np.arange(4, 4 + m) / 4 * s for s in (1, -1)])
+        if rate.status == "fails":
+            raise FmuError(f"{NOT_THE_RATE}: {rate.text}")
+        return _Worst(mechanics).bounds(m)
 
 
 def start_mobility(task: CheckTask) -> tuple[float, ...]:

@@ -1,36 +1,36 @@
 """Names that an FMU's description lets one propose are tried, and none is proposed that is refuted.
 
-Right names move: a torque on each joint moves it, by an M that is symmetric, for of joints in
-another order it is not; q changes by what q̇ adds up to; and a reference moves its own joint most.
+Right names move: a torque on each joint moves it; q goes as far as q̇ adds up to; and M is symmetric
+and positive definite at all postures that a check looks at, as it is not of joints in another order
+or of a torque of the other sign. A reference moves its own joint most.
 """
 
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from enum import IntEnum
+from itertools import takewhile
 
 import numpy as np
 
 from nrs_cosim.bus.errors import CosimError
-from nrs_cosim.plant_fmu.archives.proposals import Proposal, as_line, proposals
+from nrs_cosim.plant_fmu.archives.proposals import Guess, Proposal, as_line, entries_of, proposals
 from nrs_cosim.plant_fmu.archives.variables import find_quantity
 from nrs_cosim.plant_fmu.checking.budget import Budget
 from nrs_cosim.plant_fmu.checking.findings import CheckTask, Finding
 from nrs_cosim.plant_fmu.checking.mechanics import TORQUE, MechanicsProbe, open_probe
-from nrs_cosim.plant_fmu.checking.physics import TOLERANCE, asymmetry_of
+from nrs_cosim.plant_fmu.checking.physics import physics
+from nrs_cosim.plant_fmu.checking.rates import ASIDE, judged, path_followed
 from nrs_cosim.plant_fmu.checking.running import at_start
 from nrs_cosim.plant_fmu.checking.starting import starting
 from nrs_cosim.plant_fmu.drives.choice import choose, offers
-from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import StillError
-from nrs_cosim.plant_fmu.plants import Array, Body
+from nrs_cosim.plant_fmu.plants import Body
 
 MOST = 12
 """Proposals that are tried."""
-APART = 0.1
-"""Of what q changes by, relative: how far it may be from what q̇ adds up to."""
-ASIDE, RUN, STEPS = 0.1, 1.0, 100
-"""rad: how far a reference is moved; s, in equal steps."""
+OF_NAMES = ("rate", "M symmetric", "M positive definite")
+"""What a check holds of mechanics that wrong names spoil; what else is amiss is the FMU's."""
 
 
 class TrialResult(IntEnum):
@@ -50,9 +50,13 @@ _SAID = {
 
 
 def tried_proposals(task: CheckTask, budget: Budget) -> Iterator[Finding]:
-    """Yield the best of the names that may be right for an FMU; nothing where all are refuted."""
+    """Yield the best of the names that may be right for an FMU, after what of the first is not so.
+
+    Where all are refuted, or none is found, that is said.
+    """
     budget.begin("trying what its variables may be")
     best, found, tried, joints = TrialResult.REFUTED, list[tuple[str, Proposal]](), 0, 0
+    first: tuple[Guess, TrialResult, str] | None = None
     for group in proposals(task.archive, task.names):
         if best is TrialResult.MOVES or tried >= MOST:
             break
@@ -61,12 +65,23 @@ def tried_proposals(task: CheckTask, budget: Budget) -> Iterator[Finding]:
             continue
         tried += len(group)
         trials = [(guess, *_tried(replace(task, names=guess.names), budget)) for guess in group]
+        first = first or trials[0]
         likely = [t for t in trials if t[1] is TrialResult.MOVES or t[0].of_same_joints]
         outcome = max((outcome for _, outcome, _ in likely), default=TrialResult.REFUTED)
         if outcome > best:
             best = outcome
             found = [(why, guess.names) for guess, outcome, why in likely if outcome is best]
             joints = group[0].size
+    if first and first[0].size > joints:
+        guess, _, why = first
+        of = f"none of {guess.size} joints" if found else "none"
+        why = why or "names tell that they are of different joints"
+        text = f"{of}: with {entries_of(guess.names)}, {why}"
+        yield Finding("variables", "proposal", "note", text)
+    elif not found:
+        what = "q, qd and tau, nor as q, qd and two references"
+        text = f"none: by names, units and derivatives no variables go together as {what}"
+        yield Finding("variables", "proposal", "note", text)
     for why, names in found:
         text = f"{_SAID[best].format(why)}, for the scenario's [plant]: {as_line(names)}"
         yield Finding("variables", "proposal", "note", text)
@@ -93,47 +108,23 @@ def _tried(task: CheckTask, budget: Budget) -> tuple[TrialResult, str]:
 
 
 def _by_torques(mechanics: MechanicsProbe) -> tuple[TrialResult, str]:
-    span = mechanics.spans[-1]
-    if not asymmetry_of(mechanics.mobility(mechanics.start, span)) <= TOLERANCE:
-        return TrialResult.REFUTED, "M is not symmetric"
-    # No two joints are alike, so that those in another order are told.
-    velocity = 1 + np.arange(len(mechanics.start)) / 4
-    return _adding_up(*mechanics.motion(velocity, span))
+    for finding in takewhile(lambda finding: finding.name in OF_NAMES, physics(mechanics, "")):
+        if finding.status == "fails":
+            return TrialResult.REFUTED, f"{finding.name} does not hold: {finding.text}"
+    return TrialResult.MOVES, ""
 
 
 def _by_references(task: CheckTask, body: Body, budget: Budget) -> tuple[TrialResult, str]:
     m = len(body.q)
-    went = []
-    for aside in ASIDE * np.eye(m + 1, m, -1):
-        q, summed = _followed(task, body, aside, budget)
-        outcome = _adding_up(q, summed)
-        if outcome[0] is TrialResult.REFUTED:
-            return outcome
-        went.append(q)
-    moved = np.array(went[1:]) - went[0]
+    paths = [path_followed(task, body, aside, budget) for aside in ASIDE * np.eye(m + 1, m, -1)]
+    if (rate := judged(paths)).status == "fails":
+        return TrialResult.REFUTED, f"{rate.name} does not hold: {rate.text}"
+    moved = np.array([path.went for path in paths[1:]]) - paths[0].went
     if not moved.any(axis=1).all():
         return TrialResult.STILL, "nothing moves by a reference"
-    if (np.abs(moved).argmax(axis=1) != np.arange(m)).any():
-        return TrialResult.REFUTED, "a reference moves another joint"
-    return TrialResult.MOVES, ""
-
-
-def _followed(task: CheckTask, body: Body, aside: Array, budget: Budget) -> tuple[Array, Array]:
-    """Return how far q goes, (m,), where references are so far aside, and what q̇ adds up to."""
-    with ExitStack() as stack:
-        plants = open_plants(stack, task.archive, [body], task.names, task.driving)
-        plants.hold((body.q + aside)[None], np.zeros((1, len(body.q))))
-        velocities = [plants.qd[0].copy()]
-        for k in range(STEPS):
-            plants.advance(k * RUN / STEPS, RUN / STEPS)
-            budget.spend()
-            velocities.append(plants.qd[0].copy())
-        return plants.q[0] - body.q, np.trapezoid(np.array(velocities), dx=RUN / STEPS, axis=0)
-
-
-def _adding_up(went: Array, summed: Array) -> tuple[TrialResult, str]:
-    """Judge how far q went, (m,), by what q̇ adds up to."""
-    size = np.maximum(np.abs(went), np.abs(summed))
-    if not (np.abs(went - summed) <= APART * size).all():
-        return TrialResult.REFUTED, "qd is not the rate of q"
+    most = np.abs(moved).argmax(axis=1)
+    if (other := np.flatnonzero(most != np.arange(m))).size:
+        joint = int(other[0])
+        text = f"the reference of joint {joint + 1} moves joint {most[joint] + 1} most"
+        return TrialResult.REFUTED, text
     return TrialResult.MOVES, ""

@@ -7,13 +7,15 @@ the law, as bundled models do, needs nothing of it.
 from collections.abc import Mapping, Sequence
 
 from nrs_cosim.bus.plurals import numbered
+from nrs_cosim.plant_fmu.archives.archive import Archive
 from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.drives import stability
 from nrs_cosim.plant_fmu.drives.choice import CVODE
 from nrs_cosim.plant_fmu.drives.exchange_instance import Exchanged
 from nrs_cosim.plant_fmu.drives.model_exchange import ModelExchangePlants
 from nrs_cosim.plant_fmu.drives.own_law import without_own_law
-from nrs_cosim.plant_fmu.drives.probe import expect_stable, measured_error
+from nrs_cosim.plant_fmu.drives.probe import Probe, expect_stable, measured_error
+from nrs_cosim.plant_fmu.drives.rate import NOT_THE_RATE, other_rate_at_start
 from nrs_cosim.plant_fmu.drives.runge_kutta import RungeKutta
 from nrs_cosim.plant_fmu.drives.torque_held import TorqueHeldPlants
 from nrs_cosim.plant_fmu.fmi.library import Library
@@ -62,7 +64,9 @@ def by_runge_kutta(
 
     pushed = plants(bodies[:1], without_own_law(library.archive, names, bodies[0]))
     expect_stable(pushed, bodies, stability.runge_kutta, "step", step)
-    return plants(bodies)
+    driven = plants(bodies)
+    driven.drive += _of_rate(library.archive, pushed, bodies[0], step)
+    return driven
 
 
 def by_held_torque(
@@ -86,5 +90,12 @@ def by_held_torque(
     accuracy = "error not measured: nothing moves at the start"
     if error is not None:
         accuracy = f"error about {error * (4 / 3 if heun else 2):.1g} rad"
-    drive = f"torque {how} for {step:g} s ({accuracy})"
+    rate = _of_rate(library.archive, pushed, (representatives or bodies)[0], step)
+    drive = f"torque {how} for {step:g} s ({accuracy}){rate}"
     return TorqueHeldPlants(library, bodies, names, step, heun=heun, drive=drive, why=why)
+
+
+def _of_rate(archive: Archive, probe: Probe, body: Body, step: float) -> str:
+    """Return what is told beside how an FMU of others is driven, whose q̇ is not the rate of q."""
+    other = "" if archive.ours else other_rate_at_start(probe, body, step)
+    return f"; {NOT_THE_RATE}: {other}" if other else ""

@@ -90,6 +90,13 @@ def measured_error(coarse: Probe, fine: Probe, bodies: Sequence[Body], step: flo
     return error if moved > MOVED else None
 
 
+def under_torque(body: Body, q: Array, qd: Array, tau: Array) -> Body:
+    """Return a robot that starts at q and q̇ under a constant torque alone, all (m,)."""
+    m = len(q)
+    none, torque = np.zeros((m, m)), Disturbance(tau, np.zeros(m), *np.zeros((3, m, 0)))
+    return replace(body, q=q, qd=qd, kp=none, kd=none, disturbance=torque, control=PD_ALONE)
+
+
 def _moving_span(probe: Probe, body: Body, step: float) -> float:
     """Return after how many s a push has moved each joint: a step, or more of a plant's own.
 
@@ -97,7 +104,7 @@ def _moving_span(probe: Probe, body: Body, step: float) -> float:
     """
     span = step
     while span <= PATIENCE:
-        if _inverse_inertia(probe, body, body.q, step, span).any(axis=0).all():
+        if inverse_inertia(probe, body, body.q, step, span).any(axis=0).all():
             return span
         span *= 2
     return step
@@ -106,13 +113,14 @@ def _moving_span(probe: Probe, body: Body, step: float) -> float:
 def _inverse_inertias(probe: Probe, body: Body, step: float, span: float) -> Iterator[Array]:
     """Yield M⁻¹ at a robot's initial posture, and at some that are drawn and not refused."""
     m = len(body.q)
-    yield _inverse_inertia(probe, body, body.q, step, span)
+    yield inverse_inertia(probe, body, body.q, step, span)
     for q in np.random.Generator(np.random.Philox(SEED)).uniform(-np.pi, np.pi, (POSTURES, m)):
         with suppress(FmuError, StepError):
-            yield _inverse_inertia(probe, body, q, step, span)
+            yield inverse_inertia(probe, body, q, step, span)
 
 
-def _inverse_inertia(probe: Probe, body: Body, q: Array, step: float, span: float) -> Array:
+def inverse_inertia(probe: Probe, body: Body, q: Array, step: float, span: float) -> Array:
+    """Return M⁻¹(q), (m, m), of pushes for a span of steps in s, beside what gravity does."""
     rest = _pushed(probe, body, q, np.zeros(len(q)), step, span)
     pushes = np.eye(len(q))
     pushed = [_pushed(probe, body, q, push, step, span) for push in pushes]
@@ -122,13 +130,7 @@ def _inverse_inertia(probe: Probe, body: Body, q: Array, step: float, span: floa
 
 def _pushed(probe: Probe, body: Body, q: Array, push: Array, step: float, span: float) -> Array:
     """Return q̇ after a span of steps from rest under a constant torque alone."""
-    m = len(q)
-    none = np.zeros((m, m))
-    torque = Disturbance(push, np.zeros(m), *(np.zeros((3, m, 0))))
-    at_rest = replace(
-        body, q=q, qd=np.zeros(m), kp=none, kd=none, disturbance=torque, control=PD_ALONE
-    )
-    probe.start_again([at_rest])
+    probe.start_again([under_torque(body, q, np.zeros(len(q)), push)])
     for j in range(round(span / step)):
         probe.advance(j * step, step)
     qd: Array = probe.qd[0].copy()

@@ -1,6 +1,6 @@
 /* Two joints on springs that move by steps of their own: M q" = tau - 4 q - D q', with a torque that
  * is taken over at each step of -DSTEP s, by Euler's semi-implicit method. The energy of that is
- * kept, but for the damping -DDAMPING. The inverse of M is -DMOBILITY.
+ * kept, but for the damping -DDAMPING. The inverse of M is -DMOBILITY. q is told in units of 1/-DRATE.
  *
  * Where -DSTRICT, a step of the importer must be a whole number of its own. Where -DLASTING, a reset
  * after 0.5 s forgets to set its clock back, and it stands still until then. FMI 2.0 or 3.0 for
@@ -55,11 +55,11 @@ static int step(Joints *joints, double t, double h)
     for (; (double)(joints->steps + 1) * (STEP) <= t + h + 1e-9 * (STEP); ++joints->steps) {
         double force[2];
         for (int i = 0; i < 2; ++i)
-            force[i] = v[TAU + i] - 4.0 * v[Q + i] - (DAMPING) * v[QD + i];
+            force[i] = v[TAU + i] - 4.0 * v[Q + i] / (RATE) - (DAMPING) * v[QD + i];
         for (int i = 0; i < 2; ++i)
             v[QD + i] += (STEP) * (mobility[i][0] * force[0] + mobility[i][1] * force[1]);
         for (int i = 0; i < 2; ++i)
-            v[Q + i] += (STEP) * v[QD + i];
+            v[Q + i] += (STEP) * (RATE) * v[QD + i];
     }
     return 0;
 }

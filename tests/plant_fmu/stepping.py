@@ -22,6 +22,7 @@ def build_stepping(
     fmi: int = 2,
     mobility: np.ndarray | None = None,
     damping: float = 0.0,
+    rate: float = 1.0,
     *,
     strict: bool = False,
     lasting: bool = False,
@@ -36,7 +37,7 @@ def build_stepping(
         stubs.write_text(_stubs(fmi))
         defined = [f"-DFMI={fmi}", f"-DSTEP={step!r}", f"-DMOBILITY={{{rows}}}"]
         defined += [f"-DDAMPING={damping!r}", f"-DSTRICT={int(strict)}"]
-        defined += [f"-DLASTING={int(lasting)}"]
+        defined += [f"-DRATE={rate!r}", f"-DLASTING={int(lasting)}"]
         flags = ["-shared", "-fPIC", "-O1", "-Wall", "-Wextra", "-Werror", f"-I{HEADERS}"]
         sources = [str(SOURCE), str(stubs)]
         subprocess.run(["cc", *flags, *defined, *sources, "-o", str(library), "-lm"], check=True)

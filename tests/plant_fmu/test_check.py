@@ -29,7 +29,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::RuntimeWarning"),
 ]
 
-PHYSICS = ("M symmetric", "M positive definite", "rests", "power")
+PHYSICS = ("rate", "M symmetric", "M positive definite", "rests", "power")
 
 
 def statuses(checked, topic="physics"):

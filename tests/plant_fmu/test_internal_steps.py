@@ -1,21 +1,26 @@
 """An FMU that moves by steps of its own is probed by them, and never blamed for them."""
 
+import re
 import shutil
 from contextlib import ExitStack
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from nrs_cosim.orchestrator.engine.units import other_rates
 from nrs_cosim.plant_fmu.archives.archive import open_archive
 from nrs_cosim.plant_fmu.checking.budget import Budget
 from nrs_cosim.plant_fmu.checking.findings import CheckTask
 from nrs_cosim.plant_fmu.checking.mechanics import MechanicsProbe, open_probe
+from nrs_cosim.plant_fmu.checking.procedure import findings
 from nrs_cosim.plant_fmu.checking.running import running
+from nrs_cosim.plant_fmu.checking.sampling import sampled
 from nrs_cosim.plant_fmu.checking.subprocess_check import check, p3_of
 from nrs_cosim.plant_fmu.drives.choice import Driving, choose, offers
 from nrs_cosim.plant_fmu.drives.opening import open_plants
-from nrs_cosim.plant_fmu.errors import UnstableStepError
+from nrs_cosim.plant_fmu.errors import FmuError, UnstableStepError
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from tests.cases import cases
 from tests.plant_fmu.stepping import INERTIA, build_stepping
@@ -120,7 +125,9 @@ def test_a_fixed_step_fmu_is_only_asked_for_its_step(tmp_path, how):
 
 
 INVERSE = np.linalg.inv(INERTIA)
+DEGREES = 180 / np.pi
 WRONG = {
+    "rate": {"rate": DEGREES},
     "M symmetric": {"mobility": INVERSE + np.array([[0.0, 0.1], [0.0, 0.0]])},
     "M positive definite": {"mobility": INVERSE @ np.diag([1.0, -1.0]) @ INVERSE},
     "power": {"damping": -4.0},
@@ -128,13 +135,61 @@ WRONG = {
 
 
 @pytest.mark.parametrize("step", cases([1e-3, 0.02], [0.02]))
-@pytest.mark.parametrize("wrong", WRONG)
+@pytest.mark.parametrize("wrong", cases([*WRONG], [*WRONG][1:]))
 def test_wrong_mechanics_with_internal_steps_are_found(tmp_path, wrong, step):
     checked = check(
         CheckTask(open_archive(build_stepping(tmp_path / "a.fmu", step, **WRONG[wrong])))
     )
     assert not checked.passes
     assert [n for n, status in statuses(checked).items() if status == "fails"] == [wrong]
+
+
+def test_degrees_beside_rad_per_s_are_told_before_a_run_and_have_no_p3(tmp_path):
+    archive = open_archive(build_stepping(tmp_path / "a.fmu", 0.02, rate=DEGREES))
+    said = "q of joints 1-2 moves about 57 times as fast as qd says; q in degrees?"
+    with pytest.raises(FmuError, match=re.escape(f"qd is not the rate of q: {said}")):
+        sampled(CheckTask(archive, body()), Budget())
+    with ExitStack() as stack:
+        drive = open_plants(stack, archive, [body()], {}, Driving(control_step=0.02)).drive
+    assert drive.endswith(f"; qd is not the rate of q: {said}")
+    assert other_rates([("a.fmu", drive), ("b.fmu", "as ever")]) == [
+        f"a.fmu: qd is not the rate of q: {said}; nrs fmu check looks at it"
+    ]
+
+
+NAMED = {"q": "angle", "qd": "speed", "tau": "torque"}
+PROPOSED: dict[str, Any] = {
+    "right ones": ({}, ["", "is right as far as it moves"]),
+    "a torque against its sign": (
+        {"mobility": np.linalg.inv(INERTIA) * [1, -1]},
+        ["none of 2 joints: with q = ", "torque acts against its sign on joint 2"],
+    ),
+    "torques exchanged": (
+        {"mobility": np.linalg.inv(INERTIA)[:, ::-1]},
+        ["none of 2 joints: with q = ", "it would hold with the numbers of tau in the order 2, 1"],
+    ),
+    "degrees": ({"rate": DEGREES}, ["none: with q = ", "about 57 times as fast as qd says"]),
+}
+
+
+@pytest.mark.parametrize("case", cases([*PROPOSED], ["a torque against its sign"]))
+def test_names_are_proposed_if_a_check_holds_nothing_against_them(tmp_path, case):
+    """Else what failed of those of most joints is told. Names tell the joints, which are two."""
+    how, (begins, says) = PROPOSED[case]
+
+    def edit(text):
+        joint = ("", "shoulder", "elbow")
+        return re.sub(
+            r'name="(\w+)\[(.)\]"', lambda m: f'name="{joint[int(m[2])]}_{NAMED[m[1]]}"', text
+        )
+
+    path = build_stepping(tmp_path / "a.fmu", 0.02, edit=edit, **how)
+    task = CheckTask(open_archive(path))
+    first, *others = (f.text for f in findings(task, Budget()) if f.name == "proposal")
+    assert first.startswith(begins)
+    assert says in first
+    assert bool(others) == begins.startswith("none of")
+    assert ('["' in "".join(others)) is False  # one joint alone
 
 
 def test_an_energy_gain_that_internal_steps_may_explain_is_unknown(tmp_path):
