@@ -55,6 +55,12 @@ RUNS = {"multiprocessing", "numpy.ma", "scipy", "tomlkit", "zenoh"}
 """What takes part in runs alone, of few robots at periodic times."""
 OTHERS = {"fmpy", "lxml", "attr"}
 """What takes part where FMUs are opened that are not bundled."""
+CHECKED = {
+    *("google.protobuf", "mcap", "nrs_cosim.plant_fmu.checking"),
+    *("nrs_cosim.plant_fmu.drives.law_outside", "nrs_cosim.plant_fmu.isolation"),
+    "nrs_cosim.plant_fmu.bundled.model_description",
+}
+"""What records, tries FMUs, drives and isolates others', and writes what is not in the cache."""
 
 
 def test_check_and_info_load_nothing_that_they_do_not_use(tmp_path):
@@ -62,9 +68,7 @@ def test_check_and_info_load_nothing_that_they_do_not_use(tmp_path):
     scenario = nrs_cosim.Scenario.load(PAPER).replace({"run.duration": 1.0})
     nrs_cosim.run(scenario, recording).close()
     commands = {
-        ("check", PAPER): RUNS
-        | OTHERS
-        | {"google.protobuf", "mcap", "nrs_cosim.plant_fmu.checking"},
+        ("check", PAPER): RUNS | OTHERS | CHECKED,
         ("info", recording): RUNS | OTHERS | {"nrs_cosim.orchestrator.cli.option_groups"},
     }
     program = (

@@ -1,7 +1,8 @@
 """A model becomes an FMU: the same sources, flags and platform, the same bytes.
 
 The archive holds the binary of this platform and all sources, and is kept in the user's
-cache under a name that is keyed by what decides its bytes, the compiler excepted.
+cache under a name that is keyed by what decides its bytes, the compiler excepted: of a bundled
+model that is what it is made of, and the code that writes it.
 """
 
 import functools
@@ -9,6 +10,7 @@ import hashlib
 import shutil
 from collections.abc import Mapping, Sequence
 from glob import escape
+from importlib.metadata import version
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
@@ -17,8 +19,7 @@ from uuid import NAMESPACE_OID, uuid5
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 from nrs_cosim.bus.text import nearest, quoted
-from nrs_cosim.plant_fmu import cache
-from nrs_cosim.plant_fmu.bundled.c_source import c_header, c_tables
+from nrs_cosim.plant_fmu import cache, unit_names
 from nrs_cosim.plant_fmu.bundled.compiler import (
     PLATFORMS,
     Platform,
@@ -27,8 +28,6 @@ from nrs_cosim.plant_fmu.bundled.compiler import (
     shared_library,
 )
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS, Declaration, bundled_models, declaration
-from nrs_cosim.plant_fmu.bundled.documentation import documentation
-from nrs_cosim.plant_fmu.bundled.model_description import build_description, model_description
 from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.platform_names import FMI2, FMI3, LIBRARY
 
@@ -55,13 +54,18 @@ def build(name: str, fmi: int = 3, platforms: Sequence[str] = ()) -> Path:
     if name not in bundled_models():
         known = bundled_models()
         raise FmuError(f"no bundled model {quoted(name)}{nearest(name, known)}")
-    return build_model(
-        declaration(name, fmi),
-        {"model.c": (MODELS / name / "model.c").read_bytes()},
-        fmi,
-        about=(MODELS / name / "readme.md").read_text(encoding="utf-8"),
-        platforms=platforms,
-    )
+    _expect_known(fmi)
+    folder = MODELS / name
+    made_of = {path.name: path.read_bytes() for path in (*folder.iterdir(), *MODELS.glob("*.*"))}
+    written_by = (*Path(__file__).parent.glob("*.py"), Path(unit_names.__file__))
+    made_by = {path.name: path.read_bytes() for path in written_by}
+    origin = {**made_of, **made_by, **fmi_headers(fmi), "version": version("nrs-cosim").encode()}
+    kept = _kept(name, fmi, origin, platforms)
+    if path := cache.stored(kept):
+        return path
+    model, about = declaration(name, fmi), made_of["readme.md"].decode()
+    files = _files(model, {"model.c": made_of["model.c"]}, fmi, about=about)
+    return _compiled(kept, model.name, fmi, files, platforms)
 
 
 def build_model(
@@ -81,21 +85,36 @@ def build_model(
 
     Where it is kept, and what can be wrong, is as for `build`.
     """
+    _expect_known(fmi)
+    files = _files(model, equations, fmi, extra, about, without)
+    kept = _kept(model.name, fmi, files, platforms)
+    return cache.stored(kept) or _compiled(kept, model.name, fmi, files, platforms)
+
+
+def _expect_known(fmi: int) -> None:
     if fmi not in _PLATFORM_HEADER:
         raise FmuError(f"fmi: expected 2 or 3, got {fmi}")
-    files = _files(model, equations, fmi, {**documentation(model, about), **extra}, without)
+
+
+def _kept(name: str, fmi: int, decides: Mapping[str, bytes], platforms: Sequence[str]) -> str:
+    """The name in the cache of an FMU whose bytes these files decide."""
+    targets = [PLATFORMS[platform].target for platform in sorted(set(platforms))]
+    return f"{name}-fmi{fmi}-{_key(decides, targets)}.fmu"
+
+
+def _compiled(
+    kept: str, name: str, fmi: int, files: Mapping[str, bytes], platforms: Sequence[str]
+) -> Path:
+    """The FMU of all of its files but libraries, which are compiled."""
     wanted = [PLATFORMS[platform] for platform in sorted(set(platforms))]
     places: dict[str, Platform | None]
-    places = {f"binaries/{p.folder(fmi)}/{model.name}{p.suffix}": p for p in wanted}
-    kept = f"{model.name}-fmi{fmi}-{_key(files, [p.target for p in wanted])}.fmu"
-    if path := cache.stored(kept):
-        return path
+    places = {f"binaries/{p.folder(fmi)}/{name}{p.suffix}": p for p in wanted}
     if places:
         expect_zig()
     sources = {Path(f).name: text for f, text in files.items() if f.startswith("sources/")}
     libraries = {
-        place: _compile(model.name, sources, platform)
-        for place, platform in (places or {_binary_name(model.name, fmi): None}).items()
+        place: _compile(name, sources, platform)
+        for place, platform in (places or {_binary_name(name, fmi): None}).items()
     }
     return cache.keep(kept, archive_bytes({**files, **libraries}))
 
@@ -141,10 +160,19 @@ def _files(
     model: Declaration,
     equations: Mapping[str, bytes],
     fmi: int,
-    extra: Mapping[str, bytes],
-    without: Sequence[str],
+    extra: Mapping[str, bytes] = MappingProxyType({}),
+    about: str = "",
+    without: Sequence[str] = (),
 ) -> dict[str, bytes]:
     """All of the archive but its binary. The token is a digest of these files without it."""
+    # What writes them is not loaded for an FMU that is in the cache.
+    from nrs_cosim.plant_fmu.bundled.c_source import c_header, c_tables  # noqa: PLC0415
+    from nrs_cosim.plant_fmu.bundled.documentation import documentation  # noqa: PLC0415
+    from nrs_cosim.plant_fmu.bundled.model_description import (  # noqa: PLC0415
+        build_description,
+        model_description,
+    )
+
     other = f"fmi{5 - fmi}.c"
     shared = [path for path in MODELS.glob("*.[ch]") if path.name not in {other, *without}]
     sources = {path.name: path.read_bytes() for path in shared} | dict(equations)
@@ -152,7 +180,8 @@ def _files(
     units = sorted(name for name in sources if name.endswith(".c"))
     if fmi == 3:
         sources["buildDescription.xml"] = build_description(model, units)
-    known = {f"sources/{name}": text for name, text in sources.items()} | dict(extra)
+    known = {f"sources/{name}": text for name, text in sources.items()}
+    known |= documentation(model, about) | dict(extra)
 
     def with_token(token: str) -> dict[str, bytes]:
         return {

@@ -77,6 +77,14 @@ def test_a_library_is_cached_by_its_content(cache: Path, monkeypatch: pytest.Mon
     assert kept_in(cache) == sorted(paths)
 
 
+def test_all_code_that_writes_a_bundled_model_decides_where_it_is_kept() -> None:
+    folder = Path(builder.__file__).parent
+    for name in ("c_source", "documentation", "model_description", "declaration"):
+        text = (folder / f"{name}.py").read_text(encoding="utf-8")
+        used = set(re.findall(r"from nrs_cosim\.(\S+) import", text))
+        assert {one for one in used if ".bundled." not in one} <= {"plant_fmu.unit_names"}
+
+
 def test_concurrent_builds_do_not_interfere(cache: Path) -> None:
     with ThreadPoolExecutor(4) as pool:
         paths = set(pool.map(build, ["planar_robot"] * 4))
