@@ -1,7 +1,8 @@
 """tau = kp e + kd (υ(t) − qd) + ki z, within a limit; tau_d(t) acts beside it.
 
-e = ε(t) − q, and z' = e, but 0 where the limit binds and e would push on, as in controller.c. With
-s = t − t_hold, ε(t) = ε + s υ + s²/2 a and υ(t) = υ + s a; of a line, without the terms in a.
+e = ε(t) − q, and z' = e, but less where the limit binds and e would push on, and 0 from a tenth of
+it beyond on, as in controller.c. With s = t − t_hold, ε(t) = ε + s υ + s²/2 a and υ(t) = υ + s a;
+of a line, without the terms in a.
 """
 
 from collections.abc import Sequence
@@ -12,6 +13,9 @@ import numpy as np
 from nrs_cosim.bus.mathematics import sine
 from nrs_cosim.bus.summation import summed
 from nrs_cosim.plant_fmu.plants import Array, Body, Disturbance
+
+SLACK = 0.1
+"""Of a limit, in which an integral comes to rest beyond it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +98,11 @@ class Law:
         error = self._position + since * self._velocity - state[:, : missing.shape[1]]
         if self._acceleration is not None:
             error += since * since / 2 * self._acceleration
-        return np.where(missing * error > 0.0, 0.0, error)
+        if self._limit is None:
+            return error
+        pushes_on = missing * error > 0.0
+        beyond = np.where(pushes_on, np.abs(missing) / (SLACK * self._limit), 0.0)
+        return np.maximum(0.0, 1.0 - beyond) * error
 
     def torque(self, seconds: float, state: Array) -> Array:
         """Return tau (rows, m), N m: what of `asked` is within the limits."""

@@ -210,7 +210,6 @@ def test_a_torque_limit_is_the_same_however_a_plant_is_driven(driving, tolerance
         Control(inertia_scaling=True),
         Control(computed_torque=True, torque_limit=np.array([150.0, 90.0])),
         Control(acceleration_feedforward=True, gravity_compensation=True, inertia_scaling=True),
-        Control(ki=np.array([[9.0, 1.0], [-2.0, 7.0]])),
         Control(ki=4.0 * np.eye(2), gravity_compensation=True, inertia_scaling=True),
     ],
 )

@@ -79,7 +79,8 @@ def law(given: dict[str, Any], t: float, x: Array) -> tuple[Array, Array, Array]
         asked += given.get("acceleration_feedforward", 0.0) * mass(q) @ ACCELERATION
     limit = given.get("torque_limit", np.full(2, np.inf))
     applied = np.clip(asked, -limit, limit)
-    return applied, asked - applied, np.where((asked - applied) * e > 0, 0.0, e)
+    beyond = np.where((asked - applied) * e > 0, np.abs(asked - applied) / (limit / 10), 0.0)
+    return applied, asked - applied, e * np.clip(1 - beyond, 0.0, None)
 
 
 def rates(given: dict[str, Any], t: float, x: Array) -> Array:

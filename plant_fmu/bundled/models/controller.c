@@ -7,7 +7,13 @@
  *
  * With inertia_scaling M(q) u stands for u, and the gains are those of a unit inertia. With
  * computed_torque it does too, and all that acts but tau is made up for: qdd = a + u where the limit
- * does not bind. z rests where the limit binds and e would push on.
+ * does not bind. Where e would push on beyond the limit z slows down, and rests from a tenth of the
+ * limit beyond it on:
+ *
+ *   z' = e max(0, 1 - |tau_asked - tau_applied| / (torque_limit / 10)).
+ *
+ * If it stopped at the limit itself, z' would jump there, and what is asked might be driven back to
+ * the limit from both sides: no solution, and steps without end.
  *
  * The reference is a function of the inputs and the time alone, however often an importer
  * sets them: it moves on from reference_time, and stays as it is where that is yet to come.
@@ -22,6 +28,7 @@
 #include "robot.h"
 
 static const double NO_LIMIT = 1e30; /* so that a torque without end remains one, and is seen */
+static const double SLACK = 0.1;     /* of the limit, in which an integral comes to rest */
 
 /* Adds to tau the force that gives the accelerations `wanted` more than the robot has at (q, qd)
  * without any, of which the share `made_up_for` is counted. */
@@ -96,7 +103,8 @@ void control(const Values *v, double t, const double q[M], const double qd[M],
 void integral_rate(const Values *v, const Control *now, double rate[M])
 {
     for (int i = 0; i < m_of(v); ++i) {
-        const double e = now->error[i];
-        rate[i] = (now->asked[i] - now->applied[i]) * e > 0.0 ? 0.0 : e;
+        const double e = now->error[i], missing = now->asked[i] - now->applied[i];
+        const double beyond = missing * e > 0.0 ? fabs(missing) / (SLACK * v->torque_limit[i]) : 0.0;
+        rate[i] = beyond < 1.0 ? (1.0 - beyond) * e : 0.0;
     }
 }
