@@ -1,6 +1,8 @@
-"""What a URDF says in each joint's <limit>: of its effort, N m or N, and of its position."""
+"""What a URDF says of joints: their <limit> of position, effort and velocity, and <mimic>; SI."""
 
 from collections.abc import Container, Sequence
+from math import isfinite, nan
+from typing import Any
 from xml.etree.ElementTree import Element, ParseError, fromstring
 
 import numpy as np
@@ -32,6 +34,40 @@ def position_limits(urdf: str, joints: Sequence[str]) -> NDArray[np.float64]:
     return np.array(found).reshape(-1, 2)
 
 
+def joint_rows(urdf: str, joints: Sequence[str]) -> list[dict[str, Any]]:
+    """Return what a URDF has of each joint that moves, for JSON; nothing of what is no URDF.
+
+    `number` is a joint's among those that are given, which move by themselves; None is what is not
+    there.
+    """
+    try:
+        every = fromstring(urdf).iter("joint")
+    except ParseError:
+        return []
+    return [_row(joint, joints) for joint in every if joint.get("type") in _MOVING]
+
+
+def _row(joint: Element, joints: Sequence[str]) -> dict[str, Any]:
+    name, kind, mimic = joint.get("name", ""), joint.get("type"), joint.find("mimic")
+    of = ("lower", "upper") * (kind in _ENDING) + ("effort", "velocity")
+    limits = {key: _number(joint.find("limit"), key) for key in of}
+    return {
+        "number": joints.index(name) + 1 if name in joints else None,
+        "name": name,
+        "type": kind,
+        "unit": "m" if kind == "prismatic" else "rad",
+        **dict.fromkeys(("lower", "upper", "effort", "velocity")),
+        **{key: number for key, number in limits.items() if isfinite(number)},
+        "mimics": None
+        if mimic is None
+        else {
+            "joint": mimic.get("joint", ""),
+            "multiplier": _number(mimic, "multiplier", 1.0),
+            "offset": _number(mimic, "offset", 0.0),
+        },
+    }
+
+
 def _limits(urdf: str, joints: Sequence[str], kinds: Container[str | None]) -> list[Element | None]:
     try:
         every = fromstring(urdf).iter("joint")
@@ -43,9 +79,9 @@ def _limits(urdf: str, joints: Sequence[str], kinds: Container[str | None]) -> l
     return [found.get(name) for name in joints]
 
 
-def _number(limit: Element | None, name: str) -> float:
+def _number(element: Element | None, name: str, default: float = nan) -> float:
     """Return an attribute, NaN where it is none."""
     try:
-        return float("nan" if limit is None else limit.get(name, "nan"))
+        return float(default if element is None else element.get(name, default))
     except ValueError:
         return float("nan")

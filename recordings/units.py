@@ -15,6 +15,9 @@ _UNITS = {
     "acceleration": {"rad": "rad/s^2", "m": "m/s^2"},
     "effort": {"rad": "N m", "m": "N"},
 }
+MIXED, UNKNOWN = "mixed units", "unit not known"
+"""Stand where a number is over joints some or all of which have no unit that an FMU gives."""
+_BOTH = " and "
 
 
 def coordinate_of(run: RunRecord) -> str:
@@ -34,13 +37,14 @@ def field_unit(name: str, field: Field, coordinate: str) -> str:
 
 
 def quantity_unit(name: str, coordinate: str) -> str:
-    """Return the unit of what a name ends with; empty where it is none of a joint's quantities."""
-    return _UNITS.get(name.rpartition("_")[2], {}).get(coordinate, "")
+    """Return the unit of what a name ends with; empty where it is none of a joint's quantities.
 
-
-MIXED, UNKNOWN = "mixed units", "unit not known"
-"""Stand where a number is over joints some or all of which have no unit that an FMU gives."""
-_BOTH = " and "
+    >>> quantity_unit("reference_velocity", "rad"), quantity_unit("effort", "rad and m")
+    ('rad/s', 'N m and N')
+    """
+    of = _UNITS.get(name.rpartition("_")[2], {})
+    units = [of.get(one, "") for one in coordinate.split(_BOTH)]
+    return _BOTH.join(units) if all(units) else ""
 
 
 def unit_over(units: Collection[str]) -> str:
@@ -53,6 +57,11 @@ def unit_over(units: Collection[str]) -> str:
     if "" in found or UNKNOWN in found or MIXED in found:
         return UNKNOWN if found <= {"", UNKNOWN} else MIXED
     return _BOTH.join(sorted({unit for one in found for unit in one.split(_BOTH)}, reverse=True))
+
+
+def unit_of_joints(*runs: RunRecord) -> str:
+    """Return `unit_over` all joints of all robots of some runs."""
+    return unit_over({joint.unit for run in runs for group in run.plants for joint in group.joints})
 
 
 def rate_of(unit: str) -> str:

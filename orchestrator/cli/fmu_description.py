@@ -1,6 +1,7 @@
 """What a person sees of an FMU: what it is, whether it runs here, and a line for each variable.
 
-The scalars of a family such as `q[1]`, `q[2]` are one line.
+The scalars of a family such as `q[1]`, `q[2]` are one line. The joints of a URDF are a table of
+their own, and variables have their numbers in place of their names.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,6 +26,14 @@ _COLUMNS = (
     *map(Column, ("unit", "start", "about")),
 )
 
+_LIMITS = ("lower", "upper", "effort", "velocity")
+_JOINT_COLUMNS = (
+    Column("q", justify="right"),
+    *map(Column, ("type", "unit")),
+    *(Column(limit, justify="right") for limit in _LIMITS),
+    *map(Column, ("mimics", "joint")),
+)
+
 
 def show_description(console: Console, description: Mapping[str, Any]) -> None:
     """Show what `Archive.describe` says."""
@@ -34,7 +43,13 @@ def show_description(console: Console, description: Mapping[str, Any]) -> None:
         for _, family in groupby(description["variables"], lambda v: v["name"].partition("[")[0])
     ]
     console.print()
-    table(console, _COLUMNS, (tuple(map(escape, _row(family))) for family in families))
+    of_joints = _named(description["joints"])
+    table(console, _COLUMNS, (tuple(map(escape, _row(family, of_joints))) for family in families))
+    if description["joints"]:
+        console.print()
+        numbers = {joint["name"]: joint["number"] for joint in description["joints"]}
+        rows = (tuple(map(escape, _joint(joint, numbers))) for joint in description["joints"])
+        table(console, _JOINT_COLUMNS, rows)
     if any(family[0]["causality"] == "structuralParameter" for family in families):
         prose(
             console,
@@ -59,15 +74,43 @@ def _lines(description: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "here", f"cannot run here: {description['cannot_run_here']}"
 
 
-def _row(family: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
-    first = family[0]
+def _named(joints: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+    """Return how descriptions of variables name all joints, and what says so by numbers."""
+    names = [joint["name"] for joint in joints if joint["number"]]
+    return f" ({', '.join(names)})", f" (joint{'s 1-' * (len(names) > 1)}{len(names)})"
+
+
+def _joint(joint: Mapping[str, Any], numbers: Mapping[str, int | None]) -> tuple[str, ...]:
+    limits = (joint[limit] for limit in _LIMITS)
+    return (
+        str(joint["number"] or ""),
+        joint["type"],
+        joint["unit"],
+        *("" if limit is None else f"{limit:g}" for limit in limits),
+        _followed(joint["mimics"], numbers),
+        joint["name"],
+    )
+
+
+def _followed(mimic: Mapping[str, Any] | None, numbers: Mapping[str, int | None]) -> str:
+    """Say which joint another follows, and how: multiplier times it plus offset."""
+    if mimic is None:
+        return ""
+    factor, offset = mimic["multiplier"], mimic["offset"]
+    number = numbers.get(mimic["joint"])
+    joint = f"q[{number}]" if number else mimic["joint"]
+    return f"{factor:g} " * (factor != 1) + joint + f" {offset:+g}" * (offset != 0)
+
+
+def _row(family: Sequence[Mapping[str, Any]], of_joints: tuple[str, str]) -> tuple[str, ...]:
+    first, (names, numbers) = family[0], of_joints
     return (
         first["name"].partition("[")[0] if len(family) > 1 or first["shape"] else first["name"],
         _CAUSALITIES.get(first["causality"], first["causality"]),
         str(sum(prod(variable["shape"]) for variable in family)),
         first["unit"],
         _starts(family),
-        first["description"],
+        first["description"].replace(names, numbers),
     )
 
 

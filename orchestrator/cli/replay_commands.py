@@ -189,7 +189,7 @@ def diff(
     from nrs_cosim.orchestrator.replay.diff import compare
     from nrs_cosim.recordings.mcap.reader import Reader
     from nrs_cosim.recordings.schemas import about
-    from nrs_cosim.recordings.units import coordinate_of
+    from nrs_cosim.recordings.units import unit_of_joints
 
     if picture:
         expect_ending("--picture", picture, ".png")
@@ -200,7 +200,7 @@ def diff(
         Reader(b, verify=verifying, watch=follow(b)) as other,
     ):
         found = compare(one, other, terminal_replay.MOST_DRAWN if picture else 0)
-        coordinates = {coordinate_of(about(reader).run) for reader in (one, other)}
+        coordinate = unit_of_joints(about(one).run, about(other).run)
         for reader in (one, other):
             for damage in reader.damage:
                 say("yellow", "damage", f"{reader.path}: {damage}")
@@ -209,7 +209,7 @@ def diff(
             raise InputError(f"--picture: nothing to draw: {why}")
         expect_replaceable(picture, "PNG picture", b"\x89PNG")
         make_folder(picture)
-        draw(found, picture, coordinates.pop() if len(coordinates) == 1 else "")
+        draw(found, picture, coordinate)
     if as_json:
         print_json(found.as_json())
     else:

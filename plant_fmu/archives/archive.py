@@ -20,6 +20,7 @@ from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.folders import own_folder
 from nrs_cosim.plant_fmu.joints import Joint, read_joints, read_urdf_text
 from nrs_cosim.plant_fmu.platform_names import FMI2, FMI3, LIBRARY
+from nrs_cosim.plant_fmu.urdf_limits import joint_rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,6 +132,7 @@ class Archive:
                 }
                 for variable in self.description.modelVariables
             ],
+            "joints": joint_rows(self.urdf, [joint.name for joint in self.joints]),
         }
 
 

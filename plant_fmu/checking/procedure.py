@@ -152,5 +152,7 @@ def _named(archive: Archive, part: Part) -> str:
     ]
     units = map(unit_of, variables)
     cut = f"[{part.first}:{part.first + part.size}]" if part.size < part.length else ""
-    unit = next(filter(None, units), "no unit, taken for SI")
+    known = archive.joints and all(joint.unit for joint in archive.joints)
+    none = "each joint's own unit" if known else "no unit, taken for SI"
+    unit = next(filter(None, units), none)
     return f"{' = '.join(v.name for v in variables)}{cut} ({unit})"

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure as Sheet
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from nrs_cosim.recordings.report.curves import Curve, Figure, Label, Panel, kept
@@ -49,6 +50,8 @@ STYLE: dict[Any, Any] = {
     "ytick.color": "#5a6470",
 }
 _WIDTH = 8.0
+_BESIDE = 30
+"""Characters of a label that stands beside its axis; a longer one is above."""
 DPI = 300
 """Of pictures for print."""
 METADATA: Mapping[str, Mapping[str, Any]] = {
@@ -119,7 +122,7 @@ def _sheet(drawn: Sequence[Figure], legend: Sequence[Group], until: float | None
             _draw(ax, panel, until)
         for ax in axes.flat[len(figure.panels) :]:
             ax.set_axis_off()
-        for ax in axes[-1]:
+        for ax in axes.flat[: len(figure.panels)][-axes.shape[1] :]:  # the last of each column
             ax.set_xlabel("simulated time (s)")
         lines = _legend(figure, legend)
         part.legend(handles=lines, loc="outside lower center", ncols=_columns(lines))
@@ -157,6 +160,7 @@ def _draw(ax: Axes, panel: Panel, until: float | None) -> None:
     if panel.rows:
         ax.set_yticks(range(len(panel.rows)), panel.rows)
         ax.set_ylim(len(panel.rows) - 0.4, -0.6)
+    if panel.rows or len(panel.label) > _BESIDE:
         ax.set_title(_mathematical(panel.label), loc="left", fontsize=8)
     else:
         ax.set_ylabel(_mathematical(panel.label))
@@ -164,11 +168,22 @@ def _draw(ax: Axes, panel: Panel, until: float | None) -> None:
         ax.set_yscale("log")
     if panel.y_range:
         ax.set_ylim(*panel.y_range)
+    if panel.logarithmic:
+        _mark_powers(ax)
     for label in panel.labels if until is None else ():
         _name(ax, label, panel)
     if until is not None:
         ax.set_xlim(0, until)
     ax.margins(x=0.01)
+
+
+def _mark_powers(ax: Axes) -> None:
+    """Mark 1, 2 and 5 of each of less than two decades, and of less even steps: two at least."""
+    low, high = ax.get_ylim()
+    if high < 100 * low:
+        ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)) if high > 5 * low else MaxNLocator(5))
+        ax.yaxis.set_major_formatter("{x:g}")
+        ax.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _name(ax: Axes, label: Label, panel: Panel) -> None:
@@ -225,7 +240,7 @@ Array = NDArray[np.float64]
 def write_distances(
     apart: Mapping[tuple[int, str], tuple[Array, Array]], path: Path, coordinate: str
 ) -> None:
-    """Draw distances into a PNG, of joints in a unit, empty where that is not one and the same."""
+    """Draw distances into a PNG, of joints in a unit, as `unit_over` has it."""
     robots = sorted({robot for robot, _ in apart})
     legend = [(f"robot {robot}", ink) for ink, robot in enumerate(robots)]
     write_picture([distance_figure(apart, coordinate)], path, legend)

@@ -290,6 +290,16 @@ def test_the_command_writes_an_fmu_and_warns(tmp_path: Path) -> None:
     result = json.loads(nrs("fmu", "info", str(output), "--json").stdout)
     assert (result["name"], result["fmi_version"]) == ("robot_3_armed_gantry", "2.0")
     assert result["kinds"] == ["CoSimulation", "ModelExchange"]
+    rows = {row.pop("name"): [*row.values()] for row in result["joints"]}
+    assert rows == {
+        "right wrist": [1, "continuous", "rad", None, None, None, None, None],
+        "left slide": [2, "prismatic", "m", 0, 0.5, 10, 1, None],
+        "bridge": [3, "prismatic", "m", None, None, 100, 1, None],
+        "left pivot": [4, "revolute", "rad", -1, 1, 10, 1, None],
+    }
+    table = nrs("fmu", "info", str(output)).stdout.split("\n\n")[1]
+    assert "position (joints 1-4)" in table
+    assert "left slide" not in table
 
 
 def test_a_urdf_that_fails_the_check_is_not_written(

@@ -12,7 +12,7 @@ from docs.figures import draw
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.orchestrator.cli.main import app
 from nrs_cosim.recordings.report.curves import Figure
-from nrs_cosim.recordings.report.print import distance_figure, write_figures
+from nrs_cosim.recordings.report.print import _sheet, distance_figure, write_figures
 from nrs_cosim.recordings.report.study_figures import (
     StudyMap,
     write_radius_map,
@@ -162,8 +162,32 @@ def test_figures_of_a_page_are_not_separate(tmp_path):
     assert "is a page; give a .png, .svg or .pdf" in str(result.exception)
 
 
+@pytest.mark.parametrize("most", [1.2, 3.0, 8.0, 30.0, 110.0, 1e6])
+def test_a_logarithmic_axis_has_two_ticks_at_least(most):
+    apart = {(1, "position"): (np.arange(2.0), np.array([0.9, 0.9 * most]))}
+    (ax,) = _sheet([distance_figure(apart, "rad")], []).axes
+    low, high = ax.get_ylim()
+    ticks = zip(ax.get_yticks(), ax.get_yticklabels(), strict=True)
+    shown = {at: label.get_text() for at, label in ticks if low <= at <= high}
+    assert len(shown) >= 2
+    if most < 100:
+        assert [float(text) for text in shown.values()] == pytest.approx([*shown])
+
+
+def test_the_last_panel_of_each_column_says_what_time_it_is():
+    apart = {(1, name): (np.arange(2.0), np.ones(2)) for name in ("position", "velocity", "effort")}
+    axes = _sheet([distance_figure(apart, "")], []).axes
+    assert [ax.get_xlabel() for ax in axes if ax.axison] == ["", *["simulated time (s)"] * 2]
+
+
 @pytest.mark.parametrize(
-    ("coordinate", "units"), [("rad", ["rad", "rad/s", "N m"]), ("m", ["m", "m/s", "N"]), ("", [])]
+    ("coordinate", "units"),
+    [
+        ("rad", ["rad", "rad/s", "N m"]),
+        ("m", ["m", "m/s", "N"]),
+        ("", []),
+        ("rad and m", ["rad and m", "rad/s and m/s", "N m and N"]),
+    ],
 )
 def test_distances_have_the_units_of_their_quantities(coordinate, units):
     names = ["position", "reference_velocity", "effort", "precision"]
