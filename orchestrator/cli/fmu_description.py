@@ -98,7 +98,7 @@ def _followed(mimic: Mapping[str, Any] | None, numbers: Mapping[str, int | None]
         return ""
     factor, offset = mimic["multiplier"], mimic["offset"]
     number = numbers.get(mimic["joint"])
-    joint = f"q[{number}]" if number else mimic["joint"]
+    joint: str = f"q[{number}]" if number else mimic["joint"]
     return f"{factor:g} " * (factor != 1) + joint + f" {offset:+g}" * (offset != 0)
 
 

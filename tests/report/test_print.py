@@ -122,7 +122,9 @@ def _write_study(path):
     "write",
     [
         _write_study,
-        lambda path: write_radius_map(("α", "β"), (np.arange(3),) * 2, np.eye(3), path, "pdf"),
+        lambda path: write_radius_map(
+            ("α", "β"), (np.arange(3),) * 2, np.eye(3), None, path, "pdf"
+        ),
         lambda path: write_figures([Figure("one", "ε of robot 1", "", ())], [], path, "pdf"),
     ],
     ids=["study", "map", "report"],
