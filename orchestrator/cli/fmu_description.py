@@ -96,9 +96,10 @@ def _followed(mimic: Mapping[str, Any] | None, numbers: Mapping[str, int | None]
     """Say which joint another follows, and how: multiplier times it plus offset."""
     if mimic is None:
         return ""
-    factor, offset = mimic["multiplier"], mimic["offset"]
+    factor: float = mimic["multiplier"]
+    offset: float = mimic["offset"]
     number = numbers.get(mimic["joint"])
-    joint: str = f"q[{number}]" if number else mimic["joint"]
+    joint = f"q[{number}]" if number else str(mimic["joint"])
     return f"{factor:g} " * (factor != 1) + joint + f" {offset:+g}" * (offset != 0)
 
 
