@@ -33,7 +33,8 @@ class ReferenceDrivenPlants(Stepped):
     """Plants driven by `position_ref` and `velocity_ref`; see `plant_fmu.plants.DrivenPlants`.
 
     An acceleration is given to those that take `acceleration_ref`; with the others see the module.
-    An FMU that does not tell its `tau_applied` is taken to apply `plant_fmu.drives.pd_law`.
+    An FMU that does not tell its `tau_applied` is taken to apply `plant_fmu.drives.pd_law` of PD
+    within limits, and may have no more.
     """
 
     drive = "reference-driven Co-Simulation"
@@ -130,16 +131,22 @@ def start_values(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dic
 
 def _control(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dict[str, Array]:
     """Return what the law has beside its gains, by our names."""
-    values = body.control.values()
+    values, wanted = body.control.values(), body.control.wanted()
     known = {name: value for name, value in values.items() if has(archive, names, name)}
-    if lacking := sorted(body.control.wanted() - known.keys()):
-        outside = "ModelExchange" in archive.kinds and takes(archive, names, "tau")
-        raise FmuError(
-            f"{archive.label}: holds a law of its own, which has no variable "
-            f"{', '.join(lacking)}, as the controller of robot {body.robot} wants"
-            + ('; with plant.solver = "cvode" the law is outside of it' if outside else "")
-        )
-    return known
+    more, lacking = sorted(wanted - {"torque_limit"}), sorted(wanted - known.keys())
+    if lacking:
+        fault = f"which has no variable {', '.join(lacking)}"
+    elif more and not has(archive, names, "tau_applied"):
+        fault = f"which tells no tau_applied: torques could not be recorded with {', '.join(more)}"
+    else:
+        return known
+    outside = "ModelExchange" in archive.kinds and takes(archive, names, "tau")
+    raise FmuError(
+        f"{archive.label}: holds a law of its own, {fault}, as the controller of robot "
+        f"{body.robot} wants; "
+        + ('with plant.solver = "cvode" the law is outside of it, or ' if outside else "")
+        + "plant.variables says where it has other names"
+    )
 
 
 def _disturbance(body: Body, archive: Archive, names: Mapping[str, Spec]) -> dict[str, Array]:

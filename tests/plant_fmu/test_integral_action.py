@@ -156,6 +156,26 @@ def test_a_gain_of_zero_is_none(opens: Opens) -> None:
     np.testing.assert_array_equal(zero, moved(opens(Control()), last=2))
 
 
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [
+        ("ki", "which has no variable ki, as the controller of robot 1 wants"),
+        ("tau_applied", "which tells no tau_applied: torques could not be recorded with ki"),
+    ],
+)
+def test_a_law_in_an_fmu_that_lacks_a_name_is_refused_with_what_to_do(
+    opens: Opens, tmp_path: Path, name: str, fault: str
+) -> None:
+    def edit(text: str) -> str:
+        return text.replace(f'name="{name}', f'name="their_{name}')
+
+    archive = open_archive(rewritten(tmp_path / "own.fmu", 3, edit))
+    opens(Control(), archive=archive)
+    with pytest.raises(FmuError, match=fault) as refused:
+        opens(CONTROLS["alone"], archive=archive)
+    assert 'with plant.solver = "cvode" the law is outside of it' in str(refused.value)
+
+
 def test_a_held_torque_has_no_integral_and_says_what_to_do(opens: Opens) -> None:
     with pytest.raises(FmuError, match="ki, as the controller of robot 1 wants") as refused:
         opens(CONTROLS["alone"], driving=Driving(control="hold"))
