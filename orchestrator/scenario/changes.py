@@ -5,12 +5,12 @@
     faults.links.0.loss=0.2
 
 A change sets the keys that it names and keeps the others, so a table in braces is the same as its
-keys with dots; a number in a key is a place in a list, from 0 on. A value that is no TOML is a
-text, as `plant.fmu=other.fmu`. A comma ends a value where what stands before it is TOML, or can be
-none. `robots` confines a change to some robots: it goes into their own tables. What a value
-excludes goes: another FMU is another plant, of whose old table nothing is kept, and so it is with
-another kind of target and another form of network. Another algorithm keeps the parameters that it
-has as well.
+keys with dots, and takes the place of what is none; a number in a key is a place in a list, from 0
+on. A value that is no TOML is a text, as `plant.fmu=other.fmu`. A comma ends a value where what
+stands before it is TOML, or can be none. `robots` confines a change to some robots: it goes into
+their own tables. What a value excludes goes: another FMU is another plant, of whose old table
+nothing is kept, and so it is with another kind of target and another form of network. Another
+algorithm keeps the parameters that it has as well.
 """
 
 import re
@@ -18,7 +18,6 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -229,13 +228,13 @@ def _own(document: tomlkit.TOMLDocument, robot: int, option: str) -> Any:
 def _apply(table: Any, values: Mapping[Key, Any]) -> None:
     """Set values in a table of a scenario, or of a robot; None takes a key out."""
     _make_room(table, values)
-    for (*above, name), value in values.items():
-        inner = table
-        for part, below in pairwise((*above, name)):
-            outer, inner = inner, _within(inner, part, below)
+    for key, value in values.items():
+        inner, name = table, key[-1]
+        for depth, part in enumerate(key[:-1], 1):
+            outer, inner = inner, _within(inner, key, depth)
             if isinstance(inner, InlineTable | Array):  # on the lines of its own key
                 drop_comments(outer, part)
-        at: Any = _place(inner, name) if isinstance(inner, list) else name
+        at: Any = _place(inner, key) if isinstance(inner, list) else name
         if not isinstance(inner, list) and inner.get(name) != value:
             drop_comments(inner, name)
         if value is not None:
@@ -244,24 +243,34 @@ def _apply(table: Any, values: Mapping[Key, Any]) -> None:
             del inner[at]
 
 
-def _within(table: Any, part: str, below: str) -> Any:
-    """Return what is at a part of a key; where there is none, a table, or a list for a number."""
+def _within(table: Any, key: Key, depth: int) -> Any:
+    """Return what is at a key's part before `depth`: where there is none, a table, or a list for 0.
+
+    A name takes the place of a list in which there are no tables: it is another form of it.
+    """
+    part, below = key[depth - 1 : depth + 1]
     if isinstance(table, list):
-        return table[_place(table, part)]
+        return table[_place(table, key[:depth])]
     if below == "0" and part not in table:
-        table[part] = [tomlkit.table()]
-    if part == "parameters" and isinstance(table.get(part), str):
-        raise InputError(f"parameters.{below}: parameters are those of {quoted(str(table[part]))}")
-    if not isinstance(table.get(part), dict | list):
-        table[part] = tomlkit.table()
+        table[part] = [tomlkit.table() if key[depth + 1 :] else 0]
+    was = table.get(part)
+    if part == "parameters" and isinstance(was, str):
+        raise InputError(f"parameters.{below}: parameters are those of {quoted(str(was))}")
+    if isinstance(was, list):
+        keeps = below.isdecimal() or any(isinstance(entry, dict) for entry in was)
+    else:
+        keeps = isinstance(was, dict)
+    if not keeps:
+        table[part] = tomlkit.inline_table() if isinstance(table, InlineTable) else tomlkit.table()
     return table[part]
 
 
-def _place(entries: list[Any], part: str) -> int:
-    """Return the place in a list that a part of a key is; `InputError` where there is none."""
+def _place(entries: list[Any], key: Key) -> int:
+    """Return the place in a list that the end of a key is; `InputError` where there is none."""
+    part = key[-1]
     if not (part.isascii() and part.isdecimal() and int(part) < len(entries)):
         raise InputError(
-            f"{shortened(part)}: expected a place in a list of {len(entries)}, from 0 on"
+            f"{shortened('.'.join(key))}: expected a place in a list of {len(entries)}, from 0 on"
         )
     return int(part)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
+from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.plurals import any_of
 from nrs_cosim.bus.text import close, nearest, not_utf8, quoted, shortened, storable
 from nrs_cosim.orchestrator.errors import ScenarioError
@@ -46,7 +47,8 @@ def read_scenario(path: Path, changes: "Sequence[Change]" = ()) -> Experiment:
         text, name, folder = _decoded(sys.stdin.buffer.read(), scenario_name(path)), "stdin", Path()
     else:
         text, name, folder = read_text(path), storable(path.stem), path.parent
-    return resolve_scenario(_changed(text, changes), name, folder, scenario_name(path))
+    origin = scenario_name(path)
+    return resolve_scenario(_changed(text, changes, origin), name, folder, origin)
 
 
 def scenario_name(path: Path) -> str:
@@ -56,16 +58,20 @@ def scenario_name(path: Path) -> str:
 
 def changed(experiment: Experiment, changes: "Sequence[Change]") -> Experiment:
     """Return an experiment with changes; `InputError` and `ScenarioError` name what is wrong."""
-    text, name = _changed(experiment.text, changes), experiment.name
-    return parse_scenario(text, name, experiment.folder, "the changed scenario", experiment.assets)
+    text = _changed(experiment.text, changes, experiment.name)
+    one, origin = experiment, "the changed scenario"
+    return parse_scenario(text, one.name, one.folder, origin, one.assets)
 
 
-def _changed(text: str, changes: "Sequence[Change]") -> str:
+def _changed(text: str, changes: "Sequence[Change]", origin: str) -> str:
     if not changes:
         return text
     from nrs_cosim.orchestrator.scenario.changes import with_changes  # noqa: PLC0415, it loads tomlkit
 
-    return with_changes(text, changes)
+    try:
+        return with_changes(text, changes)
+    except InputError as error:
+        raise InputError(f"{origin}: {error}") from None
 
 
 def resolve_scenario(

@@ -1,5 +1,6 @@
 """A change sets the keys that it names, as TOML would, and keeps the others."""
 
+import re
 import tomllib
 
 import pytest
@@ -141,9 +142,34 @@ def test_a_number_in_a_key_is_a_place_in_a_list():
     assert tomllib.loads(new)["faults"]["links"] == [{"loss": 0.3}]
 
 
+@pytest.mark.parametrize("own", ["", "robots=2,"])
+@pytest.mark.parametrize("was", [{"q": [0.1, 0.2]}, {}])
+@pytest.mark.parametrize(
+    ("text", "q"),
+    [
+        ("initial.q.uniform=[-0.3,0.3]", {"uniform": [-0.3, 0.3]}),
+        ("initial={q={uniform=[-0.3,0.3]}}", {"uniform": [-0.3, 0.3]}),
+        ("initial.q.0=0.3", [0.3]),
+    ],
+)
+def test_a_table_takes_the_place_of_a_list_of_numbers_and_a_place_that_of_nothing(
+    was, own, text, q
+):
+    entry = f"q = {was['q']}" if was else ""
+    changed = with_changes(
+        f"[initial]\n{entry}\n[[robots]]\nid = 2\ninitial = {{ {entry} }}",
+        [Change.of("--set", own + text)],
+    )
+    tables = tomllib.loads(changed)
+    expected = [*q, *was.get("q", [])[1:]] if isinstance(q, list) else q
+    assert (tables["robots"][0] if own else tables)["initial"] == {"q": expected}
+    assert (tables if own else tables["robots"][0])["initial"] == was
+
+
 def test_a_place_that_a_list_does_not_have_is_told():
     for key in ("faults.links.2.loss", "faults.links.loss", "network.pinning.6"):
-        with pytest.raises(InputError, match="expected a place in a list of"):
+        where = re.escape(key.replace("2.loss", "2"))
+        with pytest.raises(InputError, match=f"^{where}: expected a place in a list of"):
             with_changes(
                 toml({"faults.links": [{"loss": 0.1}, {"delay": 1}]}),
                 [Change.of("--set", f"{key}=0.3")],
