@@ -136,11 +136,20 @@ def export(
 def _tables(output: Path, form: Literal["csv", "parquet", "mat"]) -> "Write":
     from nrs_cosim.orchestrator.cli.formats import expect_folder_name
     from nrs_cosim.orchestrator.cli.output_paths import expect_folder
-    from nrs_cosim.recordings.export.formats import export
+    from nrs_cosim.recordings.export.formats import export, older_tables
 
     expect_folder_name("-o", output)
     expect_folder(output)
-    return lambda reader, selection: export(reader, output, form, selection)
+
+    def write(reader: "Reader", selection: "Selected") -> list[Path]:
+        older = older_tables(output, form)
+        written = export(reader, output, form, selection)
+        for path in older:
+            if not path.exists():
+                say("yellow", "removed", f"{path}, of another recording: this one has no such rows")
+        return written
+
+    return write
 
 
 def _netcdf(output: Path) -> "Write":
@@ -179,6 +188,8 @@ def _export_system(recording: Path, output: Path) -> None:
         experiment = experiment_of(reader)
         system = system_of(experiment, reader.ticks)  # samples may not have what answers are of
         table = answers(reader, experiment)
+        for damage in reader.damage:
+            say("yellow", "damage", f"{damage}; the system is of {reader.ticks} ticks")
     with stages(err) as begin:
         begin("building FMUs")
         packed = ssp_bytes(system, table)

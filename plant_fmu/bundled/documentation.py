@@ -33,6 +33,7 @@ def documentation(model: Declaration, about: str) -> dict[str, bytes]:
 
 def _row(v: Variable) -> str:
     shape = " x ".join(dimension.by or str(dimension.start) for dimension in v.dimensions)
-    start = " ".join(dict.fromkeys(f"{start:g}" for start in v.starts))
+    starts = [f"{start:g}" for start in v.starts]
+    start = " ".join(starts[:1] if len({*starts}) == 1 else starts)  # one for all that are equal
     cells = (v.name, v.causality, shape, v.unit or "", start, v.description)
     return "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>\n"

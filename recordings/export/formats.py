@@ -12,7 +12,7 @@ name when it is whole.
 """
 
 import csv
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -27,6 +27,7 @@ from nrs_cosim.bus.messages import STATE
 from nrs_cosim.recordings.errors import UncreatableError, UnreadableError
 from nrs_cosim.recordings.export.selection import ALL, NOTHING, Selected
 from nrs_cosim.recordings.export.tables import (
+    MESSAGES,
     Put,
     TableLayout,
     flat,
@@ -51,6 +52,8 @@ def export(
 ) -> list[Path]:
     """Write the tables of a selection into a folder, made if need be; return their paths.
 
+    Tables of another recording that this one has not are removed there, in the same format: the
+    folder is of one recording.
     Parquet needs the extra `analysis`: `MissingExtraError` without it. `UncreatableError` when the
     folder cannot be written, `UnreadableError` as `rows`; then no table is replaced.
     """
@@ -91,12 +94,21 @@ def export(
                 run = about(reader).run
                 _write_columns(parts[_COLUMNS], layouts.values(), run)
                 _write_joints(parts[_JOINTS], run, selection)
-            return [parts[name].replace(path) for name, path in paths.items()]
+            written = [parts[name].replace(path) for name, path in paths.items()]
+            for path in older_tables(folder, form, written):
+                path.unlink()
+            return written
         finally:
             for part in parts.values():
                 part.unlink(missing_ok=True)
     except OSError as error:
         raise UncreatableError(f"{folder}: cannot be written: {error.strerror}") from None
+
+
+def older_tables(folder: Path, form: Format, but: Collection[Path] = ()) -> list[Path]:
+    """Return the tables of a format that are in a folder, but some."""
+    paths = (folder / f"{name}.{form}" for name in MESSAGES)
+    return [path for path in paths if path not in but and path.is_file()]
 
 
 def _opener(form: Format, reader: Reader) -> Opener:

@@ -2,6 +2,7 @@
 
 import ctypes
 import importlib.util
+import re
 import shutil
 from functools import cache
 from io import BytesIO
@@ -268,6 +269,10 @@ def test_an_agent_alone_jumps_at_the_beginning_of_the_step_from_a_sampling_time(
     write(tmp_path / "s.toml", {"network": TWO, "initial": start, **gains})
     path = agent_of(read_scenario(tmp_path / "s.toml"), 2, fmi).path
     assert validate_fmu(str(path)) == []
+    with ZipFile(path) as archive:
+        page = archive.read("documentation/index.html").decode()
+    for name, starts in (("keep", "1 0 0 1"), ("gain", "0.9 0 0 1.1")):
+        assert re.search(rf"<td>{name}</td>.*<td>{starts}</td>", page)
     description = fmpy.read_model_description(path)
     reference = {v.name: v.valueReference for v in description.modelVariables}
     slave = (FMU2Slave if fmi == 2 else FMU3Slave)(

@@ -211,10 +211,16 @@ def test_csv_and_parquet_hold_the_same_bits(run, tmp_path: Path) -> None:
 
 
 def test_a_run_without_faults_has_no_link_event_table(tmp_path: Path) -> None:
+    """Nor one of an earlier export, which would be taken for its own."""
     recorded(tmp_path / "a.mcap", ticks=2)
+    others = {"link_events.parquet", "notes.csv"}
+    for name in ("link_events.csv", *others):
+        (tmp_path / "mix").mkdir(exist_ok=True)
+        (tmp_path / "mix" / name).touch()
     with Reader(tmp_path / "a.mcap") as reader:
-        names = [path.name for path in export(reader, tmp_path)]
+        names = [path.name for path in export(reader, tmp_path / "mix")]
     assert names == ["samples.csv", "states.csv", "columns.csv", "joints.csv"]
+    assert {path.name for path in (tmp_path / "mix").iterdir()} == {*names, *others}
 
 
 def test_a_recording_has_a_repr_and_selects_robots_by_number(tmp_path: Path) -> None:
