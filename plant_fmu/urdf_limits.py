@@ -71,8 +71,8 @@ def _row(joint: Element, joints: Sequence[str]) -> dict[str, Any]:
 def _limits(urdf: str, joints: Sequence[str], kinds: Container[str | None]) -> list[Element | None]:
     try:
         every = fromstring(urdf).iter("joint")
-    except ParseError as error:
-        raise ValueError(f"there is no URDF in it: {error}") from None
+    except ParseError:
+        raise ValueError("there is no URDF in it") from None
     found = {
         joint.get("name"): joint.find("limit") for joint in every if joint.get("type") in kinds
     }

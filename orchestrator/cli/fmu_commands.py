@@ -1,5 +1,6 @@
 """`nrs fmu`: the robots' dynamics as FMUs, listed, looked into, checked and written."""
 
+import re
 from math import isfinite, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -92,7 +93,7 @@ def fmu_check(
     from nrs_cosim.plant_fmu.checking.subprocess_check import check
 
     archive = compiled(look_up(name, Path())) if compiling else find_archive(name, Path())
-    task = _task(archive, scenario, variables)
+    task = check_task(archive, scenario, variables)
     with stages(err) as begin:
         checked = check(task, tell=begin)
     if as_json:
@@ -301,7 +302,7 @@ def _three_numbers(option: str, text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _task(archive: "Archive", scenario: Path | None, variables: str | None) -> "CheckTask":
+def check_task(archive: "Archive", scenario: Path | None, variables: str | None) -> "CheckTask":
     """Return the check of an FMU, in the place of robot 1's where there is a scenario."""
     from nrs_cosim.orchestrator.engine.plants import Group
     from nrs_cosim.orchestrator.scenario.changes import Change, tables_with
@@ -309,7 +310,9 @@ def _task(archive: "Archive", scenario: Path | None, variables: str | None) -> "
     from nrs_cosim.orchestrator.scenario.file import parse_plant, read_scenario
     from nrs_cosim.plant_fmu.checking.findings import CheckTask
 
-    table = (variables or "").strip().removeprefix("{").removesuffix("}")
+    table = re.sub(
+        r"^\s*(variables\s*=)?\s*\{?|\}?\s*$", "", variables or ""
+    )  # a line, or its inside
     changes = [Change.of("--variables", f"plant.variables={{{table}}}")] if variables else []
     if scenario is None:
         plant = {"plant": {"fmu": archive.label}}

@@ -21,7 +21,7 @@ from nrs_cosim.orchestrator.scenario.tables.scenario import Controller, Run, Sce
 from nrs_cosim.orchestrator.scenario.tables.targets import TARGETS, FmuMotion, FmuTarget
 from nrs_cosim.orchestrator.scenario.tables.values import FORMS
 from nrs_cosim.orchestrator.scenario.targets import wrong_target
-from nrs_cosim.orchestrator.scenario.wrong_tables import unknown_variables, wrong_tables
+from nrs_cosim.orchestrator.scenario.wrong_tables import unknown, unknown_variables, wrong_tables
 from nrs_cosim.orchestrator.scenario.wrong_text import wrong_toml
 
 if TYPE_CHECKING:
@@ -220,6 +220,8 @@ def _describe(fault: Any, given: Tables) -> str:
         if inner:
             return f"{field}: unknown key; did you mean {' or '.join(map(repr, inner))}?"
         return f"{field}: unknown key{nearest(str(name), _keys_at(table, given))}"
+    if path[-3:-1] == ["plant", "variables"] and (what := unknown(str(path[-1]))):
+        return f"{field}: {what}"
     if kind == "missing":
         keys = _required(_type_at(fault["loc"], given))
         hint = f"; give {' and '.join(f'{field}.{key}' for key in keys)}" if keys else ""

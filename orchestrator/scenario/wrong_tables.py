@@ -186,10 +186,13 @@ def _fields(shapes: Mapping[str, Shape]) -> str:
 
 def unknown_variables(plant: Plant) -> Iterator[str]:
     """Yield which names of quantities are none of a plant's."""
+    yield from (f"variables.{name}: {what}" for name in plant.variables if (what := unknown(name)))
+
+
+def unknown(variable: str) -> str:
+    """Say that a key of a plant's variables is no quantity of ours; nothing where it is one."""
     ours = [name for name in UNITS if name not in MOTION]
-    for name in plant.variables:
-        if name not in ours:
-            yield f"variables.{name}: no quantity of ours{nearest(name, ours)}"
+    return "" if variable in ours else f"no quantity of ours{nearest(variable, ours)}"
 
 
 def _plant_faults(where: str, plant: Plant) -> Iterator[str]:

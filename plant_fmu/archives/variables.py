@@ -246,8 +246,13 @@ def _unknown(archive: Archive, ours: str, spec: Spec) -> str:
         near, write = f"; a robot's {JOINTS[ours]} is there.", joints
     return (
         f"{archive.label}: has no {what}{near} Write in the scenario's [{table_of(ours)}]: "
-        f"variables.{ours} = {write}"
+        f"variables.{ours} = {write}{'' if ours in MOTION else proposing(archive)}"
     )
+
+
+def proposing(archive: Archive) -> str:
+    """Return who proposes names of a robot's quantities, as the end of a sentence."""
+    return f"; `nrs fmu check {archive.label}` proposes a line"
 
 
 def _moves_not(archive: Archive, ours: str, picks: Sequence[Pick]) -> str:

@@ -12,7 +12,7 @@ from nrs_cosim.plant_fmu.archives.archive import Archive, unpacked
 from nrs_cosim.plant_fmu.archives.presence import VECTORS
 from nrs_cosim.plant_fmu.archives.quantities import TYPES, Part, Quantity
 from nrs_cosim.plant_fmu.archives.units import unit_of
-from nrs_cosim.plant_fmu.archives.variables import find_quantity
+from nrs_cosim.plant_fmu.archives.variables import find_quantity, proposing
 from nrs_cosim.plant_fmu.checking.budget import VALIDATING, Budget
 from nrs_cosim.plant_fmu.checking.findings import CheckTask, Finding
 from nrs_cosim.plant_fmu.checking.mechanics import TORQUE, MechanicsProbe, open_probe
@@ -47,6 +47,8 @@ def findings(task: CheckTask, budget: Budget) -> Iterator[Finding]:
             yield Finding("drives", offer.way, "note", f"{offer.kind}: {offer.reason}")
         chosen = choose(archive, task.names, task.driving, sizes)
         body = task.body or at_start(archive, find_quantity(archive, "q", task.names, sizes=sizes))
+        for ours in ("qd", *(REFERENCE if chosen.way == "reference" else ("tau",))):
+            find_quantity(archive, ours, task.names, size=len(body.q), sizes=sizes)
     except FmuError as error:
         cause, _, _said_above = str(error).partition(". First: ")
         yield from tried_proposals(task, budget)
@@ -112,7 +114,7 @@ def _mapping(task: CheckTask, sizes: Mapping[int, int]) -> Iterator[Finding]:
         try:
             found = find_quantity(task.archive, ours, task.names, size=m, sizes=sizes)
         except FmuError as error:
-            quantities[ours] = str(error)
+            quantities[ours] = str(error).removesuffix(proposing(task.archive))
         else:
             quantities[ours] = found
             m = found.size if ours == "q" else m

@@ -6,7 +6,7 @@ or of a torque of the other sign. A reference moves its own joint most.
 """
 
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from enum import IntEnum
 from itertools import takewhile
@@ -14,6 +14,7 @@ from itertools import takewhile
 import numpy as np
 
 from nrs_cosim.bus.errors import CosimError
+from nrs_cosim.plant_fmu.archives.families import Spec
 from nrs_cosim.plant_fmu.archives.proposals import Guess, Proposal, as_line, entries_of, proposals
 from nrs_cosim.plant_fmu.archives.variables import find_quantity
 from nrs_cosim.plant_fmu.checking.budget import Budget
@@ -24,11 +25,13 @@ from nrs_cosim.plant_fmu.checking.rates import ASIDE, judged, path_followed
 from nrs_cosim.plant_fmu.checking.running import at_start
 from nrs_cosim.plant_fmu.checking.starting import starting
 from nrs_cosim.plant_fmu.drives.choice import choose, offers
-from nrs_cosim.plant_fmu.errors import StillError
+from nrs_cosim.plant_fmu.drives.reference_driven import REFERENCE
+from nrs_cosim.plant_fmu.errors import FmuError, StillError
 from nrs_cosim.plant_fmu.plants import Body
 
 MOST = 12
 """Proposals that are tried."""
+_SIZED = ("qd", "tau", *REFERENCE)
 OF_NAMES = ("rate", "M symmetric", "M positive definite")
 """What a check holds of mechanics that wrong names spoil; what else is amiss is the FMU's."""
 
@@ -55,6 +58,7 @@ def tried_proposals(task: CheckTask, budget: Budget) -> Iterator[Finding]:
     Where all are refuted, or none is found, that is said.
     """
     budget.begin("trying what its variables may be")
+    task = replace(task, names=dict(_there(task)))
     best, found, tried, joints = TrialResult.REFUTED, list[tuple[str, Proposal]](), 0, 0
     first: tuple[Guess, TrialResult, str] | None = None
     for group in proposals(task.archive, task.names):
@@ -85,6 +89,18 @@ def tried_proposals(task: CheckTask, budget: Budget) -> Iterator[Finding]:
     for why, names in found:
         text = f"{_SAID[best].format(why)}, for the scenario's [plant]: {as_line(names)}"
         yield Finding("variables", "proposal", "note", text)
+
+
+def _there(task: CheckTask) -> Iterator[tuple[str, Spec]]:
+    """Yield the names that were given and that the FMU has, as many as q has joints."""
+    m = None
+    for ours in sorted(task.names, key=lambda name: name != "q"):
+        with suppress(FmuError):
+            found = find_quantity(
+                task.archive, ours, task.names, size=m if ours in _SIZED else None
+            )
+            m = found.size if ours == "q" else m
+            yield ours, task.names[ours]
 
 
 def _tried(task: CheckTask, budget: Budget) -> tuple[TrialResult, str]:

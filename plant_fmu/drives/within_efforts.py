@@ -20,7 +20,8 @@ def within_efforts(archive: Archive, bodies: Sequence[Body]) -> Sequence[Body]:
                 limits = effort_limits(archive.urdf, names)
             except ValueError as error:
                 raise FmuError(
-                    f"{archive.label}: controller.torque_limit of robot {body.robot}: {error}"
+                    f"{archive.label}: controller.torque_limit of robot {body.robot}: {error}; "
+                    "give numbers, one for each joint"
                 ) from None
             control = replace(body.control, torque_limit=limits, limited_by_effort=False)
             own = replace(body, control=control)

@@ -24,6 +24,7 @@ from nrs_cosim.plant_fmu.errors import FmuError
 from nrs_cosim.plant_fmu.fmi.calls import Calls, c_references
 
 _FLOATS = {"Real": ctypes.c_double, "Float64": ctypes.c_double, "Float32": ctypes.c_float}
+_PARAMETERS = {"parameter", "structuralParameter"}
 _INTEGERS = {
     "Integer": ctypes.c_int32,
     **{f"Int{bits}": getattr(ctypes, f"c_int{bits}") for bits in (8, 16, 32, 64)},
@@ -80,8 +81,10 @@ def sizes_of(assigned: Iterable[StartValues]) -> dict[int, int]:
 def _settable(archive: Archive, name: str) -> tuple[ModelVariable, ...]:
     variables = find_variables(archive, name)
     if not variables:
-        known = [v.name for v in archive.description.modelVariables if not unsettable(v)]
-        raise FmuError(f"{archive.label}: has no parameter {quoted(name)}{suggestion(name, known)}")
+        variables = [v for v in archive.description.modelVariables if not unsettable(v)]
+        known = [v.name for v in variables if v.causality in _PARAMETERS]
+        what = suggestion(name, known) if known else "; it has none"
+        raise FmuError(f"{archive.label}: has no parameter {quoted(name)}{what}")
     for variable in variables:
         if reason := unsettable(variable):
             raise FmuError(

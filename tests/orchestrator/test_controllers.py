@@ -227,5 +227,7 @@ def test_what_a_held_torque_cannot_have_is_refused_with_the_way():
     with pytest.raises(FmuError, match="gravity_compensation, as the controller of robot 1 wants"):
         driven(archive, Control(gravity_compensation=True), Driving(control="hold"))
     control = Control(limited_by_effort=True)
-    with pytest.raises(FmuError, match=r"controller\.torque_limit of robot 1: there is no URDF"):
+    with pytest.raises(
+        FmuError, match=r"controller\.torque_limit of robot 1: there is no URDF in it; give"
+    ):
         driven(archive, control, Driving())

@@ -146,6 +146,10 @@ BAD = {
         {"algorithm.name": "dcea0"},
         "algorithm.name: expected one of dcea1, dcea2, ",
     ),
+    "no quantity, with a number": (
+        {"plant.variables": {"qdd": 3}},
+        "plant.variables.qdd: no quantity of ours; did you mean 'qd'?",
+    ),
     "variable's name": (
         {"plant.variables": {"q": 3}},
         "plant.variables.q: expected a valid string, got 3",

@@ -157,6 +157,19 @@ def test_a_family_of_parameters_takes_a_list(tmp_path):
         assignments(archive, {"l": [1.0, 2.0]})
 
 
+def test_what_an_fmu_has_for_a_parameter_is_parameters_alone(tmp_path):
+    text = "".join(
+        f'<ScalarVariable name="{name}" valueReference="{i}" causality="{causality}" '
+        f'variability="{variability}"><Real start="0"/></ScalarVariable>'
+        for i, (name, causality, variability) in enumerate(
+            [("u", "input", "continuous"), ("load", "parameter", "fixed")]
+        )
+    )
+    archive = open_archive(with_variables(tmp_path / "a.fmu", 2, text), "a.fmu")
+    with pytest.raises(FmuError, match=r"has no parameter 'mass'; it has load\.$"):
+        assignments(archive, {"mass": 1.0})
+
+
 def test_slices_of_arrays_are_set_and_read(typed):
     """A step makes x what u is; what of u is not ours stays as it is."""
     with ExitStack() as stack:

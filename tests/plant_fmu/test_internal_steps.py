@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from nrs_cosim.orchestrator.cli.fmu_commands import check_task
 from nrs_cosim.orchestrator.engine.units import other_rates
 from nrs_cosim.plant_fmu.archives.archive import open_archive
 from nrs_cosim.plant_fmu.checking.budget import Budget
@@ -190,6 +191,17 @@ def test_names_are_proposed_if_a_check_holds_nothing_against_them(tmp_path, case
     assert says in first
     assert bool(others) == begins.startswith("none of")
     assert ('["' in "".join(others)) is False  # one joint alone
+
+
+def test_a_proposal_has_no_name_that_is_not_there_and_as_many_numbers_as_joints(tmp_path):
+    """Of a misspelt q and of one tau of two; the line may be pasted whole."""
+    archive = open_archive(build_stepping(tmp_path / "a.fmu", 0.02))
+    for given in (' variables = { q = ["q[1]", "q[3]"] } ', 'tau = "tau[1]"'):
+        found = {f.name: f for f in findings(check_task(archive, None, given), Budget())}
+        assert found["chosen"].status == "fails"
+        assert found["proposal"].text.startswith("is right as far as it moves")
+        assert "q[3]" not in found["proposal"].text
+        assert '"tau[1]"' not in found["proposal"].text
 
 
 def test_an_energy_gain_that_internal_steps_may_explain_is_unknown(tmp_path):

@@ -181,7 +181,8 @@ def test_a_wrong_size_names_the_structural_parameter_that_decides_it():
 def test_no_match_is_reported_with_what_to_write(fmu):
     assert refused(fmu("phi1", "phi2")) == (
         "has no variable 'q'; it has phi1, phi2. Write in the scenario's [plant]: "
-        'variables.q = "its name", or a list of names, or { pattern = "q[{i}]", base = 1 }'
+        'variables.q = "its name", or a list of names, or { pattern = "q[{i}]", base = 1 }; '
+        "`nrs fmu check arm.fmu` proposes a line"
     )
 
 
