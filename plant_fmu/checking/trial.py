@@ -94,13 +94,12 @@ def tried_proposals(task: CheckTask, budget: Budget) -> Iterator[Finding]:
 def _there(task: CheckTask) -> Iterator[tuple[str, Spec]]:
     """Yield the names that were given and that the FMU has, as many as q has joints."""
     m = None
-    for ours in sorted(task.names, key=lambda name: name != "q"):
+    with suppress(FmuError):
+        m = find_quantity(task.archive, "q", task.names).size
+    for ours, spec in task.names.items():
         with suppress(FmuError):
-            found = find_quantity(
-                task.archive, ours, task.names, size=m if ours in _SIZED else None
-            )
-            m = found.size if ours == "q" else m
-            yield ours, task.names[ours]
+            find_quantity(task.archive, ours, task.names, size=m if ours in _SIZED else None)
+            yield ours, spec
 
 
 def _tried(task: CheckTask, budget: Budget) -> tuple[TrialResult, str]:

@@ -81,8 +81,8 @@ def sizes_of(assigned: Iterable[StartValues]) -> dict[int, int]:
 def _settable(archive: Archive, name: str) -> tuple[ModelVariable, ...]:
     variables = find_variables(archive, name)
     if not variables:
-        variables = [v for v in archive.description.modelVariables if not unsettable(v)]
-        known = [v.name for v in variables if v.causality in _PARAMETERS]
+        settable = [v for v in archive.description.modelVariables if not unsettable(v)]
+        known = [v.name for v in settable if v.causality in _PARAMETERS]
         what = suggestion(name, known) if known else "; it has none"
         raise FmuError(f"{archive.label}: has no parameter {quoted(name)}{what}")
     for variable in variables:

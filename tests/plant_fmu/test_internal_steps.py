@@ -196,7 +196,8 @@ def test_names_are_proposed_if_a_check_holds_nothing_against_them(tmp_path, case
 def test_a_proposal_has_no_name_that_is_not_there_and_as_many_numbers_as_joints(tmp_path):
     """Of a misspelt q and of one tau of two; the line may be pasted whole."""
     archive = open_archive(build_stepping(tmp_path / "a.fmu", 0.02))
-    for given in (' variables = { q = ["q[1]", "q[3]"] } ', 'tau = "tau[1]"'):
+    given_names = [' variables = { q = ["q[1]", "q[3]"] } ', 'tau = "tau[1]"']
+    for given in cases(given_names, given_names[:1]):
         found = {f.name: f for f in findings(check_task(archive, None, given), Budget())}
         assert found["chosen"].status == "fails"
         assert found["proposal"].text.startswith("is right as far as it moves")
