@@ -98,7 +98,7 @@ def draw_map(axes: Axes, study: nrs.Study, case: Case) -> list[tuple[float, floa
     """Draw runs as dots, with the boundaries; return these."""
     frame = study.to_pandas()
     for status, marker, colour in (
-        ("converged", "o", INKS[0]), ("not_converged", "x", INKS[1]), ("diverged", "x", INKS[5]),
+        ("converged", "o", INKS[0]), ("not_converged", "x", INKS[1]), ("diverged", "x", INKS[3]),
     ):  # fmt: skip
         part = frame[frame["status"] == status]
         axes.plot(part[case.x[0]], part[case.y[0]], marker, ms=3, color=colour,

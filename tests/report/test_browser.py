@@ -164,9 +164,18 @@ def test_a_logarithmic_axis_has_two_ticks_at_least_in_full_numbers(look):
         " const plot = document.body.appendChild(make('div', { className: 'plot' }));"
         " await Plotly.newPlot(plot, [{ x: [0, 1], y: y_range }], plots.layout({ panel, plot }));"
         " found.push([...plot.querySelectorAll('.ytick text')]"
-        ".map(e => [Number(e.textContent), e.__data__.x])); plot.remove() }"
+        ".map(e => [Number(e.textContent.replace('−', '-')), e.__data__.x])); plot.remove() }"
         " return found })(arguments[0])",
-        [[0.08, 1.6], [0.31, 2.6], [1.1, 1.3], [0.9, 9.5], [0.9, 11], [0.3, 40], [1e-7, 3]],
+        [
+            [0.08, 1.6],
+            [0.31, 2.6],
+            [1.1, 1.3],
+            [0.9, 9.5],
+            [0.9, 11],
+            [0.3, 40],
+            [0.07, 130],
+            [1e-7, 3],
+        ],
     )
     for ticks in axes:
         assert len(ticks) >= 2

@@ -134,9 +134,12 @@ const plots = {
     };
   },
 
-  // With up to 3 ticks a decade or more has 1, 2 and 5 of each power of ten, or its powers alone, and
-  // at least two; with 5 what is less has some in even steps. "~g" writes them in full, as 0.2.
-  ticks({ y_range: range }) { return range && range[1] < 10 * range[0] ? 5 : 3; },
+  // Of 1 to 2 decades 1, 2 and 5 of each are marked, of more each power of ten up to 8 of them, and of
+  // less some in even steps, so that there are at least two; "~g" writes them in full, as 0.2.
+  ticks({ y_range: range }) {
+    const decades = range ? Math.log10(range[1] / range[0]) : 3;
+    return decades < 1 ? 5 : Math.min(Math.max(Math.ceil(decades), 3), 8);
+  },
 
   labelled(panel, plot) { return panel.labels.length && !this.window && plot.clientWidth > 460; },
 
