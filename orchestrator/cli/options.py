@@ -318,7 +318,10 @@ OfRobots = Annotated[
     str | None, typer.Option("--robots", metavar="1-3,7", help="Which robots; all unless given.")
 ]
 OfJoints = Annotated[
-    str | None, typer.Option("--joints", metavar="1-3,7", help="Which joints; all unless given.")
+    str | None,
+    typer.Option(
+        "--joints", metavar="1-3,NAME", help="Which joints, by number or name; all unless given."
+    ),
 ]
 Since = Annotated[
     float | None,

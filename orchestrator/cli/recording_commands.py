@@ -104,7 +104,7 @@ def export(
     """
     from nrs_cosim.bus.clock import NS_PER_S
     from nrs_cosim.orchestrator.cli.progress import reading
-    from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
+    from nrs_cosim.orchestrator.scenario.robot_ids import parse_joints, parse_robots
     from nrs_cosim.recordings.export.selection import Selected
     from nrs_cosim.recordings.mcap.reader import Reader
     from nrs_cosim.recordings.schemas import about
@@ -121,9 +121,10 @@ def export(
     with reading(err) as follow, Reader(recording, watch=follow(recording)) as reader:
         reader.expect_ticks("export")
         run = about(reader).run
+        names = [[joint.name for joint in group.joints] for group in run.plants]
         selection = Selected(
             None if robots is None else parse_robots(robots, "--robots", run.robots),
-            None if joints is None else parse_robots(joints, "--joints", run.joints, "joint"),
+            None if joints is None else parse_joints(joints, "--joints", run.joints, names),
             *(None if t is None else round(t * NS_PER_S) for t in (since, until)),
         )
         written = write(reader, selection)

@@ -38,7 +38,7 @@ _STORED = (
 @OptionRules(
     {
         **required_by(["--verify"], "--agents-only"),
-        **required_by(["--publish", "--foxglove"], "--speed", "--from", "--to"),
+        **required_by(["--publish", "--foxglove"], "--speed", "--from", "--until"),
         **required_by(["--publish"], "--as-fast-as-possible"),
         **required_by(["--foxglove"], "--port"),
         **required_by(["--publish"], "--ros2"),
@@ -100,9 +100,10 @@ def replay(
     until: Annotated[
         float | None,
         typer.Option(
+            "--until",
             "--to",
             metavar="T",
-            parser=moment("--to"),
+            parser=moment("--until"),
             help="End before messages of this simulated time, s.",
         ),
     ] = None,

@@ -145,7 +145,7 @@ def _range(
     last = reader.end_ns or 0
     if (start_ns or 0) > last or (end_ns is not None and end_ns <= (start_ns or 0)):
         raise InputError(
-            f"--from {between[0]} --to {between[1]}: nothing of the recording, which ends at "
+            f"--from {between[0]} --until {between[1]}: nothing of the recording, which ends at "
             f"{last / NS_PER_S:g} s, lies there"
         )
     return start_ns, end_ns

@@ -245,9 +245,18 @@ def _expected(fault: Any) -> str:
             said = f"at most {fault['ctx']['max_length']}"
         case "int_type" | "int_from_float" | "int_parsing":
             said = "a whole number" + " of sampling periods" * ("delay" in fault["loc"])
+        case "bool_type" | "bool_parsing":
+            said = "true or false"
+        case "less_than_equal" | "greater_than_equal" if _is_probability(fault["loc"]):
+            said = "a probability, from 0 to 1"
         case _:
             said = fault["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     return said
+
+
+def _is_probability(path: Sequence[int | str]) -> bool:
+    places = {("faults", "loss"), ("faults", "duplicate"), ("network", "rewire")}
+    return (path[0], path[-1]) in places
 
 
 def _dotted(path: Sequence[int | str]) -> str:

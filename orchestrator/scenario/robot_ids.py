@@ -1,12 +1,12 @@
 """Numbers as people write and read them: robots like pages, `1-3,7`, factors beside 1."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.plurals import numbered
-from nrs_cosim.bus.text import quoted
+from nrs_cosim.bus.text import nearest, quoted
 
 _PART = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?", re.ASCII)
 
@@ -38,6 +38,27 @@ def parse_robots(
             raise InputError(f"{where}: {noun} {min(again)} is named twice in {quoted(text)}")
         named.update(range(first, last + 1))
     return tuple(sorted(named))
+
+
+def parse_joints(
+    text: str, where: str, most: int, fmus: Iterable[Sequence[str]]
+) -> tuple[int, ...]:
+    """Return the joints that a text names by number or, as `fmus` have them, by name."""
+    places: dict[str, set[int]] = {}
+    for names in fmus:
+        for number, name in enumerate(names, 1):
+            places.setdefault(name, set()).add(number)
+    parts = []
+    for part in (part.strip() for part in text.split(",")):
+        numbers = () if _PART.fullmatch(part) else places.get(part, ())
+        if len(numbers) > 1:
+            raise InputError(f"{where}: {quoted(part)} is {numbered('joint', sorted(numbers))}")
+        parts.append(str(*numbers) or part)
+        if part[:1].isalpha() and not numbers:
+            raise InputError(
+                f"{where}: no joint is called {quoted(part)}{nearest(part, [*places])}"
+            )
+    return parse_robots(",".join(parts), where, most, "joint")
 
 
 def named(numbers: Sequence[int]) -> str:

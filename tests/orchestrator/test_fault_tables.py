@@ -81,11 +81,11 @@ BAD = [
     (faulty_links({"fro": 1}), "faults.links[0].fro: unknown key; did you mean 'from'?"),
     (
         faulty_links({"loss": 1.1}),
-        "faults.links[0].loss: expected less than or equal to 1, got 1.1",
+        "faults.links[0].loss: expected a probability, from 0 to 1, got 1.1",
     ),
     (
         faulty_links({"loss": -0.1}),
-        "faults.links[0].loss: expected greater than or equal to 0, got -0.1",
+        "faults.links[0].loss: expected a probability, from 0 to 1, got -0.1",
     ),
     (
         faulty_links({"loss": float("nan")}),

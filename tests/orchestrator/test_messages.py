@@ -62,7 +62,14 @@ def described(*plants):
         "algorithm": {"name": "dcea1", "parameters": {}},
         "assets": {},
         "plants": [
-            {"fmu": fmu, "fmi_version": "3.0", "drive": "d", "robots": [i], "why": why}
+            {
+                "fmu": fmu,
+                "fmi_version": "3.0",
+                "drive": "d",
+                "robots": [i],
+                "why": why,
+                "joints": [],
+            }
             for i, (fmu, why) in enumerate(plants, 1)
         ],
         **dict.fromkeys(("parent", "target", "samples", "links", "byzantine", "saturation"), None),
@@ -90,8 +97,8 @@ def test_a_mixed_fleet_lists_how_each_fmu_is_driven():
     [
         ("--from", "nan", "a number"),
         ("--from", "-1", "0 to 9.22337e+09 s"),
-        ("--to", "1e300", "0 to 9.22337e+09 s"),
-        ("--to", "infinity", "a number"),
+        ("--until", "1e300", "0 to 9.22337e+09 s"),
+        ("--until", "infinity", "a number"),
         ("--speed", "1_0", "a number"),
         ("--speed", "١", "a number"),
         ("--wait", "x", "a number"),

@@ -31,8 +31,15 @@ def test_rules_are_about_options_that_the_command_has(path):
 
 GOALS = "--fastest, --period, --jitter, --pin or --accuracy"
 WAYS = "--verify, --publish, --foxglove or --plant/--algorithm"
-VALUES = {"--from": "1", "--to": "2", "--speed": "2", "--wait": "3", "-o": "x.mcap", "--port": "0"}
-PLAYING = ("--speed", "--from", "--to")
+VALUES = {
+    "--from": "1",
+    "--until": "2",
+    "--speed": "2",
+    "--wait": "3",
+    "-o": "x.mcap",
+    "--port": "0",
+}
+PLAYING = ("--speed", "--from", "--until")
 PUBLISHING = ("--as-fast-as-possible", "--wait", "--insecure-tcp")
 
 

@@ -1,9 +1,9 @@
-"""Which robots a text names."""
+"""Which robots, or joints, a text names."""
 
 import pytest
 
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.scenario.robot_ids import parse_robots
+from nrs_cosim.orchestrator.scenario.robot_ids import parse_joints, parse_robots
 
 
 @pytest.mark.parametrize(
@@ -38,3 +38,25 @@ def test_text_that_is_no_list_of_robots_is_refused(text, said):
 def test_a_range_beyond_a_million_robots_is_refused():
     with pytest.raises(InputError, match="at most robot 1000000"):
         parse_robots("1-999999999", "--robots")
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("elbow", (2,)),
+        ("2, hand,1", (1, 2, 3)),
+        ("3-4,base", (1, 3, 4)),
+        ("2,elbow", "joint 2 is named twice"),
+        ("shoulder", "'shoulder' is joints 1, 3"),
+        ("elbw", "no joint is called 'elbw'; did you mean 'elbow'?"),
+        ("5", "there are joints 1 to 4"),
+    ],
+)
+def test_joints_are_named_by_numbers_and_by_their_names_in_all_fmus(text, found):
+    fmus = [["shoulder", "elbow", "hand", "3"], ["base", "elbow", "shoulder", "tip"]]
+    if isinstance(found, tuple):
+        assert parse_joints(text, "--joints", 4, fmus) == found
+    else:
+        with pytest.raises(InputError, match=r"^--joints: ") as rejected:
+            parse_joints(text, "--joints", 4, fmus)
+        assert found in str(rejected.value)

@@ -154,6 +154,14 @@ BAD = {
         {"plant.variables": {"q": 3}},
         "plant.variables.q: expected a valid string, got 3",
     ),
+    "a word that YAML takes for true": (
+        {"controller.gravity_compensation": "yes"},
+        "controller.gravity_compensation: expected true or false, got 'yes'",
+    ),
+    "per cent of edges": (
+        {"network": {"generator": {"kind": "small_world", "n": 6, "k": 1, "rewire": 10}}},
+        "network.generator.rewire: expected a probability, from 0 to 1, got 10",
+    ),
     "no variable's name": (
         {"plant.variables": {"q": []}},
         "plant.variables.q: expected at least one name, got []",

@@ -101,6 +101,7 @@ def test_a_part_without_messages_leaves_no_file(path, tmp_path):
 def test_the_command_names_an_option_that_is_wrong(path, tmp_path):
     for options, said in (
         (["--joints", "4"], "error: --joints: got '4' in '4', but there are joints 1 to 3"),
+        (["--joints", "1,joint_2,j"], "error: --joints: no joint is called 'j'; there are joint_1"),
         (["--robots", "0"], "error: --robots: expected robots like 1-3,7, got '0': robots count"),
         (["--to", "ssp", "--robots", "1"], "error: --robots: a system is of the whole run"),
         (["--to", "nc", "-o", tmp_path / "a.csv"], "is the name of a table"),
