@@ -134,7 +134,8 @@ Set = Annotated[
     typer.Option(
         "--set",
         metavar="algorithm.alpha=0.8,run.seed=2",
-        help="Change keys of the scenario; values are TOML. May be given again.",
+        help="Change keys of the scenario; values are TOML, and {} empties a table. "
+        "robots=2,KEY=VALUE changes robot 2 alone. May be given again.",
     ),
 ]
 

@@ -289,7 +289,10 @@ def _wrong_network(experiment: Experiment) -> Iterator[str]:
         many = f"{len(schedule.exchanges)} digraphs come in turn"
         yield f"network: {many}; an agent has parameters for {MOST_DIGRAPHS} at most"
     if experiment.links is not None or experiment.byzantine:
-        yield "faults: links and robots alter, lose or delay samples; a connection does not"
+        yield (
+            "faults: links and robots alter, lose or delay samples; a connection does not; "
+            "--set 'faults={}' leaves them out"
+        )
 
 
 def _expect_none(faults: Iterator[str], name: str) -> None:

@@ -186,9 +186,9 @@ def _table(option: str, name: str, given: str, part: str) -> Mapping[str, Any]:
 
 
 def _leaves(table: Mapping[str, Any], above: Key = ()) -> Iterator[tuple[Key, Any]]:
-    """Yield the keys of all values that are no tables."""
+    """Yield the keys of all values that are no tables, or tables with nothing in them."""
     for name, value in table.items():
-        if isinstance(value, dict):
+        if value and isinstance(value, dict):
             yield from _leaves(value, (*above, name))
         else:
             yield (*above, name), value

@@ -87,7 +87,9 @@ def by_held_torque(
     # By Richardson: of an error of order p, halving the step takes away 1 − 2⁻ᵖ.
     error = measured_error(probe(step), probe(step / 2), representatives or bodies, step)
     how = "corrected and held" if heun else "held"
-    accuracy = "error not measured: nothing moves at the start"
+    accuracy = (
+        "error not measured: nothing moves at the start; --set initial.q=0.1 measures it there"
+    )
     if error is not None:
         accuracy = f"error about {error * (4 / 3 if heun else 2):.1g} rad"
     rate = _of_rate(library.archive, pushed, (representatives or bodies)[0], step)

@@ -30,6 +30,8 @@ from nrs_cosim.plant_fmu.processes import (
 
 STARTING = 60.0
 """s: the deadline before the FMU's first call: Python starts, and the archive is unpacked."""
+LOOKS = 16
+"""How often in a deadline it is looked whether a call is over: so much of it may be waited more."""
 
 _TRIAL = "its stability or the error of a held torque was measured"
 """What a step is of that is made before there is a time."""
@@ -141,7 +143,7 @@ class FmuProcess:
         self._since.clear()
         self._stuck()
         while True:
-            for end, _ in self._poll.poll(min(self._deadline, STARTING) * 1000):
+            for end, _ in self._poll.poll(min(self._deadline, STARTING) / LOOKS * 1000):
                 if end == self._replies:
                     return os.read(end, 65536)
                 if not self._keep(os.read(end, 65536)):

@@ -2,13 +2,14 @@
 
 import io
 import json
+import tomllib
 from types import SimpleNamespace
 
 import pytest
 
 import nrs_cosim
 from nrs_cosim.bus.errors import InputError
-from nrs_cosim.orchestrator.scenario.changes import Change
+from nrs_cosim.orchestrator.scenario.changes import Change, with_changes
 from nrs_cosim.orchestrator.scenario.file import read_scenario
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.command import nrs
@@ -146,6 +147,12 @@ def test_a_changed_form_of_times_or_target_replaces_the_old_one():
     assert again.clock.period == 200_000_000
     still = read('target={kind="sampled",times=[0,30],positions=[[0,0],[0,0]]}')
     assert still.target.bounds() == (0, 0)
+
+
+def test_a_table_that_is_set_to_nothing_is_emptied():
+    text = "[faults]\ndelay = 0.1\n[[faults.links]]\nloss = 0.5\n[run]\nduration = 1.0\n"
+    changed = tomllib.loads(with_changes(text, [Change.of("--set", "faults={}")]))
+    assert changed == {"faults": {}, "run": {"duration": 1.0}}
 
 
 def test_a_change_for_some_robots_leaves_the_others():

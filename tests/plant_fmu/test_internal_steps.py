@@ -260,7 +260,10 @@ def test_the_error_of_a_held_torque_is_measured_only_where_something_moves(tmp_p
         with ExitStack() as stack:
             still = replace(body(), position=NONE + aside)
             drives.append(open_plants(stack, archive, [still], {}).drive)
-    assert drives[0] == "torque held for 0.005 s (error not measured: nothing moves at the start)"
+    assert drives[0] == (
+        "torque held for 0.005 s (error not measured: nothing moves at the start; "
+        "--set initial.q=0.1 measures it there)"
+    )
     assert float(drives[1].split("error about ")[1].removesuffix(" rad)")) > 0
 
 

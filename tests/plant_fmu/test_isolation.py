@@ -15,6 +15,7 @@ import tempfile
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from zipfile import ZipFile
 
 import numpy as np
@@ -29,8 +30,10 @@ from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.plant_fmu.drives.choice import Driving
 from nrs_cosim.plant_fmu.drives.opening import open_plants
 from nrs_cosim.plant_fmu.errors import FmuError, StepError
+from nrs_cosim.plant_fmu.isolation import worker_process
 from nrs_cosim.plant_fmu.isolation.isolated import IsolatedPlants
 from nrs_cosim.plant_fmu.isolation.progress import SIZE, Announced, Progress
+from nrs_cosim.plant_fmu.isolation.worker_process import FmuProcess, StuckError
 from nrs_cosim.plant_fmu.plants import Body, Disturbance
 from nrs_cosim.recordings.mcap.reader import Reader
 from tests.cases import cases
@@ -474,3 +477,22 @@ def test_where_the_process_ended_was_among_all_calls_unless_a_thread_says_so():
     assert [call.who for call in culprits()] == ["robot 3", "robot 11"]
     shared[3 * SIZE - 1] = 1
     assert [call.who for call in culprits()] == ["robot 11"]
+
+
+def test_a_call_that_hangs_is_ended_after_one_deadline(monkeypatch):
+    """It begins just after it was asked for, when the last that is known is another."""
+    worker, now = object.__new__(FmuProcess), [0.0]
+    calls = [Announced(7, "", "", False), Announced(8, "robot 1", "do step", False)]
+
+    def poll(milliseconds):
+        worker._progress.last = calls[1:]
+        now[0] += milliseconds / 1000
+        return []
+
+    worker._since, worker._deadline, worker._robots = {}, 2.0, [1]
+    worker._progress = SimpleNamespace(last=calls[:1])
+    worker._poll = SimpleNamespace(poll=poll)
+    monkeypatch.setattr(worker_process, "monotonic", lambda: now[0])
+    with pytest.raises(StuckError, match=r"did not return within 2 s \(plant\.deadline\)"):
+        worker._receive()
+    assert 2.0 <= now[0] <= 2.0 * (1 + 1 / 8)
