@@ -11,6 +11,18 @@ from numpy.typing import NDArray
 _ENDING = frozenset({"revolute", "prismatic"})
 _MOVING = _ENDING | {"continuous"}
 """Types of joints with limits of position, and of effort."""
+LIMITS, FRICTION = "joint limits", "dry friction"
+"""What an FMU that is made of a URDF may leave out."""
+
+
+def left_out(missing: Sequence[str]) -> str:
+    """Return what ends the description of an FMU that is made of a URDF: what is not in it."""
+    return f"; {' and '.join(missing)} left out" if missing else f"; with soft stops and {FRICTION}"
+
+
+def has_stops(description: str | None) -> bool:
+    """Return whether an FMU is one of a URDF's with stops, as its description says at its end."""
+    return (description or "").endswith((left_out([FRICTION]), left_out([])))
 
 
 def effort_limits(urdf: str, joints: Sequence[str]) -> NDArray[np.float64]:

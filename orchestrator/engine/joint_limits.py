@@ -1,5 +1,6 @@
 """Where a scenario asks for more than a URDF's limits of joints, which act with stops alone."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,13 +10,15 @@ from nrs_cosim.bus.clock import seconds
 from nrs_cosim.bus.plurals import numbered
 from nrs_cosim.orchestrator.engine.plants import group_by_archive
 from nrs_cosim.orchestrator.scenario.experiment import Experiment
-from nrs_cosim.plant_fmu.urdf_limits import position_limits
+from nrs_cosim.plant_fmu.urdf_limits import has_stops, position_limits
 
 Array = NDArray[np.float64]
 
 _TIMES = 2001
 """Of the run, at which the target is looked at."""
 _SPANS = 8
+_WITHOUT = "they act on robots with stops alone (nrs fmu from-urdf --stops)"
+_ACTING = "the robots' soft stops act there"
 
 
 def beyond_limits(experiment: Experiment) -> list[str]:
@@ -38,19 +41,18 @@ def beyond_limits(experiment: Experiment) -> list[str]:
         if len(limits) != experiment.m:  # it is no plant of this scenario, and is refused as one
             continue
         starts = np.array([body.q for body in experiment.bodies(robots)])
-        outside = np.flatnonzero(((starts < limits[:, 0]) | (starts > limits[:, 1])).any(axis=1))
-        begun = [robots[row] for row in outside]
-        for what, who, q in (("the target", robots, target), ("a start", begun, starts[outside])):
-            if who and (beyond := _beyond(names, limits, q)):
-                found.append(
-                    f"{what} comes beyond the limits of {numbered('robot', who, _SPANS)}'s joints: "
-                    f"{', '.join(beyond)}; they act on robots with stops alone (nrs fmu from-urdf "
-                    "--stops)"
-                )
+        stops = has_stops(group.archive.description.description)
+        of = numbered("robot", robots, _SPANS)
+        for what, beyond in (
+            (f"the target comes beyond the limits of {of}'s joints", _ends(names, limits, target)),
+            ("starts are beyond the limits of joints", _starts(names, limits, starts, robots)),
+        ):
+            if beyond:
+                found.append(f"{what}: {', '.join(beyond)}; {_ACTING if stops else _WITHOUT}")
     return found
 
 
-def _beyond(names: Sequence[str], limits: Array, q: Array) -> list[str]:
+def _ends(names: Sequence[str], limits: Array, q: Array) -> list[str]:
     """Say of each joint that positions q, (rows, m), leave its limits (m, 2), how far they go."""
     ends = np.stack([q.min(axis=0), q.max(axis=0)], axis=1)
     past = (limits - ends) * [1, -1] > 0
@@ -59,3 +61,17 @@ def _beyond(names: Sequence[str], limits: Array, q: Array) -> list[str]:
         for name, (least, most), by, is_past in zip(names, limits, ends, past, strict=True)
         if is_past.any()
     ]
+
+
+def _starts(names: Sequence[str], limits: Array, q: Array, robots: Sequence[int]) -> list[str]:
+    """Say of each joint which robots start beyond its limits (m, 2), and at which of q, (n, m)."""
+    found = []
+    for name, (least, most), starts in zip(names, limits, q.T, strict=True):
+        at: defaultdict[str, list[int]] = defaultdict(list)
+        for row in np.flatnonzero((starts < least) | (starts > most)).tolist():
+            at[f"{starts[row]:.4g}"].append(robots[row])
+        shown = [f"{numbered('robot', of, _SPANS)} at {q}" for q, of in [*at.items()][:_SPANS]]
+        if shown:
+            more = ", …" * (len(at) > _SPANS)
+            found.append(f"{name} ({least:g} to {most:g}): {', '.join(shown)}{more}")
+    return found

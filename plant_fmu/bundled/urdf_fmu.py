@@ -14,6 +14,7 @@ from nrs_cosim.plant_fmu.bundled.builder import build_model
 from nrs_cosim.plant_fmu.bundled.declaration import MODELS, Declaration, declare
 from nrs_cosim.plant_fmu.bundled.urdf_robot import Three, UrdfRobot
 from nrs_cosim.plant_fmu.joints import JOINTS, URDF, Joint, write_joints
+from nrs_cosim.plant_fmu.urdf_limits import FRICTION, LIMITS, left_out
 
 GRAVITY: Three = (0.0, 0.0, -9.80665)
 """m/s2, in the frame of the base link."""
@@ -54,7 +55,7 @@ def _declaration(robot: UrdfRobot, gravity: Three) -> Declaration:
     own = {
         "description": (
             f"Rigid-body dynamics of {robot.name} from its URDF, base fixed, gravity "
-            f"({', '.join(f'{g:g}' for g in gravity)}) m/s2; {_left_out(robot)}"
+            f"({', '.join(f'{g:g}' for g in gravity)}) m/s2{_left_out(robot)}"
         ),
         "dimensions": {"m": m},
         "units": _units(robot),
@@ -71,11 +72,10 @@ def _declaration(robot: UrdfRobot, gravity: Three) -> Declaration:
 
 def _left_out(robot: UrdfRobot) -> str:
     forces = {
-        "joint limits": any(joint.stop for joint in robot.joints),
-        "dry friction": bool(robot.friction_speed),
+        LIMITS: any(joint.stop for joint in robot.joints),
+        FRICTION: bool(robot.friction_speed),
     }
-    missing = [name for name, there in forces.items() if not there]
-    return f"{' and '.join(missing)} left out" if missing else "with soft stops and dry friction"
+    return left_out([name for name, there in forces.items() if not there])
 
 
 def _units(robot: UrdfRobot) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import platform
+import re
 from contextlib import ExitStack
 from zipfile import ZipFile
 
@@ -15,6 +16,7 @@ from nrs_cosim.orchestrator.engine.summary import experiment_of
 from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.plant_fmu.bundled.model_urdf import model_urdf
 from nrs_cosim.plant_fmu.joints import JOINTS, URDF
+from nrs_cosim.plant_fmu.urdf_limits import FRICTION, LIMITS, left_out
 from nrs_cosim.recordings.errors import UnreadableError
 from nrs_cosim.recordings.mcap.reader import Reader
 from nrs_cosim.recordings.metadata import RUN, URDFS
@@ -41,12 +43,15 @@ EXPECTED = {
 }
 
 
-def own_fmu(path, urdf=ELBOWED):
+def own_fmu(path, urdf=ELBOWED, end=""):
     """Write an FMU as it is made of a URDF: it names its joints, and says how it looks."""
     joints = [{"name": name, "unit": "rad"} for name in ("shoulder", "elbow")]
     with ZipFile(build("two_link_arm")) as source, ZipFile(path, "w") as own:
         for entry in source.infolist():
-            own.writestr(entry, source.read(entry))
+            content = source.read(entry)
+            if entry.filename == "modelDescription.xml":
+                content = re.sub(rb'( description="[^"]*)', rb"\1" + end.encode(), content, count=1)
+            own.writestr(entry, content)
         own.writestr(JOINTS, json.dumps(joints))
         own.writestr(URDF, urdf)
 
@@ -167,7 +172,7 @@ def limited(joint, kind, *limits):
         (
             ("revolute", 0.1, 1),
             ("revolute", -2, 1),
-            ["a start comes", "of robot 4's joints", "shoulder", "0)"],
+            ["starts are", "shoulder (0.1 to 1): robot 4 at 0;"],
         ),
         (("continuous", -0.1, 0.1), ("revolute", 0, 0), []),
         (("revolute",), ("fixed", -0.1, 0.1), []),
@@ -180,14 +185,27 @@ def test_what_is_beyond_a_joints_limits_is_told(tmp_path, shoulder, elbow, said)
     assert any(all(word in line for word in said) for line in found) == bool(said)
 
 
-def test_of_starts_beyond_the_limits_those_robots_are_named_with_both_ends(tmp_path):
-    joints = limited("shoulder", "revolute", -0.2, 3) + limited("elbow", "revolute", -3, 3)
-    own_fmu(tmp_path / "own.fmu", f'<robot name="r">{joints}</robot>')
-    ends = {1: -0.4, 2: -0.2, 3: 3.25, 4: 0.0}
-    robots = [{"id": robot, "initial": {"q": [q, 0.0]}} for robot, q in ends.items()]
-    changes = {**CHANGES, "plant.fmu": "own.fmu", "robots": robots}
-    (found,) = beyond_limits(paper(changes, folder=tmp_path))
-    assert "of robots 1, 3's joints: shoulder (-0.2 to 3: to -0.4 and to 3.25);" in found
+@pytest.mark.parametrize(
+    ("missing", "acting"),
+    [([LIMITS, FRICTION], False), ([LIMITS], False), ([FRICTION], True), ([], True), (None, False)],
+)
+def test_each_robot_that_starts_beyond_a_limit_is_told_with_where_and_whether_stops_act(
+    tmp_path, missing, acting
+):
+    urdf = "".join(
+        (limited("shoulder", "revolute", -9, 9), limited("elbow", "prismatic", -9, 0.04))
+    )
+    end = "" if missing is None else left_out(missing)
+    own_fmu(tmp_path / "own.fmu", f'<robot name="r">{urdf}</robot>', end)
+    starts = {1: 0.3, 2: 0.0385, 3: -9.5, 4: 0.3}
+    robots = [{"id": robot, "initial": {"q": [0, q]}} for robot, q in starts.items()]
+    changes = CHANGES | {"plant.fmu": "own.fmu", "robots": robots}
+    assert beyond_limits(paper(changes, folder=tmp_path)) == [
+        "starts are beyond the limits of joints: elbow (-9 to 0.04): robots 1, 4 at 0.3, robot 3 "
+        "at -9.5; "
+        + ("the robots' soft stops act there" if acting else "they act on robots with stops alone ")
+        + "(nrs fmu from-urdf --stops)" * (not acting)
+    ]
 
 
 def test_a_robot_of_another_number_of_joints_is_refused_in_a_line(tmp_path):
