@@ -8,6 +8,8 @@ from xml.etree.ElementTree import Element, ParseError, fromstring
 import numpy as np
 from numpy.typing import NDArray
 
+from nrs_cosim.bus.plurals import plural
+
 _ENDING = frozenset({"revolute", "prismatic"})
 _MOVING = _ENDING | {"continuous"}
 """Types of joints with limits of position, and of effort."""
@@ -26,11 +28,12 @@ def has_stops(description: str | None) -> bool:
 
 
 def effort_limits(urdf: str, joints: Sequence[str]) -> NDArray[np.float64]:
-    """Return the limits (m,) of joints by name; `ValueError` says which joint has none."""
+    """Return the limits (m,) of joints by name; `ValueError` says which have none."""
     limits = np.array([_number(limit, "effort") for limit in _limits(urdf, joints, _MOVING)])
-    for name, limit in zip(joints, limits, strict=True):
-        if not 0 < limit < np.inf:
-            raise ValueError(f"its URDF has no effort above 0 in <limit> of joint {name}")
+    without = [name for name, limit in zip(joints, limits, strict=True) if not 0 < limit < np.inf]
+    if without:
+        names = f"{plural('joint', len(without))} {', '.join(without)}"
+        raise ValueError(f"its URDF has no effort above 0 in <limit> of {names}")
     return limits
 
 

@@ -10,6 +10,7 @@ import typer
 from nrs_cosim.bus.errors import InputError
 from nrs_cosim.bus.numerals import decimal
 from nrs_cosim.bus.text import quoted
+from nrs_cosim.orchestrator.cli.formats import expect_ending
 from nrs_cosim.orchestrator.cli.options import (
     Compile,
     ScenarioPath,
@@ -34,8 +35,22 @@ Fmi = Annotated[
     int,
     typer.Option(metavar="N", parser=whole_number("--fmi", 2, 3), help="The FMI version, 2 or 3."),
 ]
+
+
+def _expect_fmu(output: Path) -> Path:
+    expect_ending("-o", output, ".fmu")
+    return output
+
+
 FmuOutput = Annotated[
-    Path, typer.Option("-o", "--output", metavar="FILE.fmu", help="Where the FMU goes.")
+    Path,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE.fmu",
+        help="Where the FMU goes.",
+        callback=_expect_fmu,
+    ),
 ]
 
 fmu = typer.Typer(

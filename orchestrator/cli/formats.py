@@ -19,6 +19,8 @@ _KINDS = {
     ".ssp": "a system",
     ".svg": "a picture",
     ".toml": "a scenario",
+    ".urdf": "a URDF",
+    ".xacro": "a URDF",
 }
 
 

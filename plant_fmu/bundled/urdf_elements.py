@@ -117,13 +117,13 @@ def read_joint(
         _axis(element, read, warnings),
         damping,
         friction,
-        _limits(element, kind),
+        _limits(element, kind, read),
         mimic=mimic,
     )
 
 
-def _limits(element: Element, kind: str) -> Limits:
-    """What is given of them; what is faulty is none, for the dynamics do not depend on it."""
+def _limits(element: Element, kind: str, read: "_Reading") -> Limits:
+    """What is given of them; what is no number is none, for the dynamics do not depend on it."""
     limit = element.find("limit")
     if limit is None:
         return BOUNDLESS
@@ -135,8 +135,10 @@ def _limits(element: Element, kind: str) -> Limits:
             return instead
 
     lower, upper = given("lower", "0", -inf), given("upper", "0", inf)
-    if kind == "continuous" or lower > upper:
+    if kind == "continuous":
         lower, upper = -inf, inf
+    elif lower > upper:
+        read.fault(f"<limit>: expected a lower of at most upper, got {lower:g} and {upper:g}")
     return Limits(lower, upper, given("effort", "", inf))
 
 

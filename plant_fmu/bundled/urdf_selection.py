@@ -47,7 +47,7 @@ def select(
     fixed = dict.fromkeys((j.name for j in joints if j.kind == "fixed"), 0.0)
     held, wrong = dict(fixed), Remarks()
     for name, value in chosen.lock.items():
-        held |= _locked(name, value, by_name, wrong)
+        held |= _locked(name, value, by_name, wrong, warnings)
     for option, link in (("--base-link", chosen.base), ("--tip-link", chosen.tip)):
         if link and link not in links:
             wrong.add(f"{option}: there is no link {quoted(link)}{nearest(link, list(links))}")
@@ -69,7 +69,11 @@ def select(
 
 
 def _locked(
-    name: str, value: float | None, by_name: Mapping[str, UrdfJoint], faults: Remarks
+    name: str,
+    value: float | None,
+    by_name: Mapping[str, UrdfJoint],
+    faults: Remarks,
+    warnings: Remarks,
 ) -> dict[str, float]:
     joint = by_name.get(name)
     if joint is None:
@@ -80,6 +84,11 @@ def _locked(
         text = f"--lock: a {joint.kind} joint is locked where it is, without a value"
         faults.add(text, "joint", name)
     else:
+        least, most, _ = joint.limits
+        if value is not None and not least <= value <= most:
+            unit = "m" if joint.kind == "prismatic" else "rad"
+            text = f"--lock: {value:g} {unit} is beyond its limits, {least:g} to {most:g} {unit}"
+            warnings.add(text, "joint", name)
         return {name: joint.rest if value is None else value}
     return {}
 

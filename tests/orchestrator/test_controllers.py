@@ -160,10 +160,15 @@ URDF = """<robot name="r"><joint name="a" type="revolute"><limit effort="87" vel
 <joint name="b" type="prismatic"><limit effort="12.5"/></joint><joint name="c"/></robot>"""
 
 
+ZERO = '<joint name="d" type="revolute"><limit effort="0"/></joint></robot>'
+
+
 def test_efforts_are_those_of_the_joints_in_the_urdf():
     assert effort_limits(URDF, ["b", "a"]).tolist() == [12.5, 87.0]
     with pytest.raises(ValueError, match="no effort above 0 in <limit> of joint c"):
         effort_limits(URDF, ["a", "c"])
+    with pytest.raises(ValueError, match=r"no effort above 0 in <limit> of joints c, d$"):
+        effort_limits(URDF.replace("</robot>", ZERO), ["c", "a", "d"])
     with pytest.raises(ValueError, match="there is no URDF in it"):
         effort_limits("", ["a"])
 

@@ -53,6 +53,10 @@ WRONG = {
         ONE.replace("revolute", "ball"),
         "joint 'j': type: expected revolute, continuous, prismatic or fixed, got 'ball'",
     ),
+    "limits the wrong way round": (
+        ONE.replace("<axis", '<limit lower="1.9" upper="-1.9"/><axis'),
+        "joint 'j': <limit>: expected a lower of at most upper, got 1.9 and -1.9",
+    ),
     "mimic of nothing": (
         ONE.replace("<axis", '<mimic joint="jj"/><axis'),
         "joint 'j': <mimic>: there is no joint 'jj'; did you mean 'j'?",

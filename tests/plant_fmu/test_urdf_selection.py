@@ -175,6 +175,13 @@ def test_a_joint_is_locked_as_near_to_0_as_its_limits_let_it(read):
     assert [j.name for j in found.axes] == ["neck", "shoulder", "thumb", "left"]
 
 
+def test_a_joint_that_is_locked_beyond_its_limits_is_told_with_the_unit(read):
+    said = "joint 'elbow': --lock: 90 rad is beyond its limits, 0.2 to 2 rad"
+    for value, warned in ((90.0, True), (2.0, False)):
+        found = read(HUMANOID, lock={"root": None, "elbow": value})
+        assert (said in found.warnings) == warned
+
+
 def test_what_is_kept_of_a_file_says_where_the_links_are(pinocchio, read):
     """A finger two mimics from its leader, a hand whose locked joint pitches by a quarter turn."""
     text = robot(

@@ -79,6 +79,8 @@ def test_without_extension_a_report_is_a_page_or_the_given_format(paper, tmp_pat
         (["replay", "a.mcap", "--algorithm", "alpha=1", "-o", "b.PNG"], "is the name of a pic"),
         (["recover", "a.mcap", "-o", "a.toml"], "is the name of a scenario, and a recording"),
         (["scene", "a.mcap", "-o", "a.pdf"], "is the name of a PDF, and a recording"),
+        (["fmu", "from-urdf", "a.urdf", "-o", "b.urdf"], "is the name of a URDF, and an FMU"),
+        (["fmu", "agent", "s.toml", "--robot", "1", "-o", "a.mcap"], "and an FMU would be"),
         (["export", "a.mcap", "-o", "a.parquet"], "and tables go into a folder"),
         (["diff", "a.mcap", "b.mcap", "--picture", "a.pdf"], "and a picture would be written"),
     ],
