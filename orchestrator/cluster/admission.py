@@ -63,6 +63,8 @@ class Admission:
             slot = known if known and is_known else self.slots.place(name, hello, now)
         except (BusError, InputError, NotAdmittedError) as error:
             final = not isinstance(error, NotAdmittedError) or error.final
+            if isinstance(error, NotAdmittedError):
+                self.slots.refusal = f"{name} was not let in: {error}"
             question.answer(Refusal(reason=str(error), final=final).written())
             return None
         if is_known:

@@ -70,6 +70,8 @@ class Assignment(dict[str, WorkerSlot]):
         self._n, self._expected = n, expected
         self.free: Sequence[int] = range(1, n + 1)
         """The robots that have no worker yet, ascending."""
+        self.refusal = ""
+        """Who was not let in last, and why."""
 
     def __setitem__(self, name: str, slot: WorkerSlot) -> None:
         """Let a worker have a slot; its robots are free until then."""
@@ -133,9 +135,11 @@ class Assignment(dict[str, WorkerSlot]):
             left = max(self._expected - len(self), 1)
             return WorkerSlot(free[: -(-len(free) // left)], WorkerState(now))
         if not hello.robots or not {*hello.robots} <= {*free}:
+            beyond = sorted({*hello.robots}.difference(range(1, self._n + 1)))
+            nowhere = f", and the run has no {named(beyond)}" if beyond else ""
             raise NotAdmittedError(
                 f"--robots: {named(free)} of {self._n} have no worker yet, but "
-                f"this worker asks for {named(hello.robots) if hello.robots else 'none'}",
+                f"this worker asks for {named(hello.robots) if hello.robots else 'none'}{nowhere}",
                 final=True,
             )
         return WorkerSlot(sorted({*hello.robots}), WorkerState(now))

@@ -93,7 +93,7 @@ class Supervision:
         wait = self.policy.wait
         lacking = dict(self.slots.without_worker()) | dict.fromkeys(self.slots.free, self.began)
         if lacking and now - min(lacking.values()) >= wait:
-            came = "no `nrs worker` came for them; --wait gives them longer"
+            came = self.slots.refusal or "no `nrs worker` came for them; --wait gives them longer"
             if self.unable:
                 came = f"{self._unable()}; mend that, or start others"
             raise WorkerError(f"{named(sorted(lacking))} had no worker for {wait:g} s: {came}")

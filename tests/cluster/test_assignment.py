@@ -54,7 +54,12 @@ def test_named_robots_are_assigned_in_order():
 
 
 @pytest.mark.parametrize(
-    ("robots", "asks_for"), [((), "none"), ((1, 4), "robots 1, 4"), ((6,), "robot 6")]
+    ("robots", "asks_for"),
+    [
+        ((), "none"),
+        ((1, 4), "robots 1, 4"),
+        ((5, 6, 7), "robots 5-7, and the run has no robots 6-7"),
+    ],
 )
 def test_robots_that_are_not_free_are_refused(robots, asks_for):
     assignment = Assignment(5, 1)

@@ -6,8 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from nrs_cosim.bus.encryption import KeyPair
+from nrs_cosim.bus.transport import Question
 from nrs_cosim.orchestrator.cluster import supervision
+from nrs_cosim.orchestrator.cluster.admission import Admission
 from nrs_cosim.orchestrator.cluster.assignment import Assignment
+from nrs_cosim.orchestrator.cluster.protocol import Hello
 from nrs_cosim.orchestrator.cluster.supervision import Supervision, WorkerPolicy
 from nrs_cosim.orchestrator.errors import WorkerError
 from nrs_cosim.orchestrator.scenario.file import read_scenario
@@ -79,6 +83,15 @@ def test_several_that_could_not_open_their_robots_are_named_with_each_reason_onc
         "robots 1-6 had no worker for 0 s: left and right came, and could not open robots: no FMU; "
         "third came, and could not open robots: no memory; mend that, or start others"
     )
+
+
+def test_a_worker_that_was_not_let_in_is_named_with_the_reason_when_none_came():
+    slots = Assignment(3, 1)
+    asked = Hello(version="0.0.0", incarnation="a", robots=None, public=KeyPair().public)
+    question = Question("join", asked.written(), lambda _: None)
+    Admission("run", None, {}, b"", slots).answer("left", question, 0.0)
+    with pytest.raises(WorkerError, match=r"had no worker for 0 s: left was not let in: .*0\.0\.0"):
+        Supervision(slots, WorkerPolicy(True, 0.0, print), None).look_after(0, False)
 
 
 def test_a_bundled_model_is_built_there_to_the_same_bytes(nrs, tmp_path):
