@@ -139,14 +139,20 @@ def _compared(verification: Verification, plants: bool) -> str:
 def _range(
     reader: Reader, between: tuple[float | None, float | None], purpose: str
 ) -> tuple[int | None, int | None]:
-    """Return times in ns; `InputError` where nothing of a recording lies between them."""
+    """Return times in ns; `InputError` where nothing of a recording lies between them.
+
+    What is missing of it is said before it is played.
+    """
     reader.expect_ticks(purpose)
+    for damage in reader.damage:
+        say("yellow", "damage", damage)
     start_ns, end_ns = (None if t is None else round(t * NS_PER_S) for t in between)
     last = reader.end_ns or 0
     if (start_ns or 0) > last or (end_ns is not None and end_ns <= (start_ns or 0)):
+        given = zip(("--from", "--until"), between, strict=True)
         raise InputError(
-            f"--from {between[0]} --until {between[1]}: nothing of the recording, which ends at "
-            f"{last / NS_PER_S:g} s, lies there"
+            f"{' '.join(f'{option} {t:g}' for option, t in given if t is not None)}: nothing of "
+            f"the recording, which ends at {last / NS_PER_S:g} s, lies there"
         )
     return start_ns, end_ns
 

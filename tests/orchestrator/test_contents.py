@@ -165,3 +165,14 @@ def test_a_replay_reports_a_missing_sample(whole, tmp_path):
         assert done.returncode == 1
         assert f"{SAMPLE}, message of robot {ROBOT} is in " in done.stderr
         assert " and not in the recording" in done.stderr
+
+
+@pytest.mark.parametrize("way", [["--foxglove"], ["--publish", "--insecure-tcp"]])
+def test_what_is_missing_is_said_before_a_recording_is_played(whole, tmp_path, way):
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(whole.read_bytes()[:-2000])
+    with Reader(path) as reader:
+        (damage, *_) = reader.damage
+    done = nrs("replay", path, *way, "--from", "1000")  # after its end: nothing is played
+    assert (done.returncode, f"damage: {damage}" in done.stderr) == (2, True), done.stderr
+    assert "error: --from 1000: nothing of the recording, which ends at" in done.stderr
