@@ -87,7 +87,7 @@ def cases():
 
 def stepped(case, loss):
     step, _, schedule, delay, _, missing = case
-    faults = LinkFaults(schedule.links, delay, delay, loss, False, 1)
+    faults = LinkFaults(schedule.links, delay, delay, loss, False, 1, 0)
     ticks, phases = ticks_of(schedule, faults, loss)
     return lossy_ticks(step, schedule.links, delay, ticks, missing), phases
 

@@ -129,7 +129,9 @@ def test_a_torque_of_wrong_sign_is_reported_and_a_runaway_is_no_run(tmp_path, ga
     assert not checked.passes
     assert statuses(checked)["M positive definite"] == "fails"
     text = found(checked, "M positive definite").text
-    assert text.startswith("torque acts against its sign: smallest eigenvalue over largest -1")
+    assert text.startswith(
+        "torque acts against its sign on joints 1-2: smallest eigenvalue over largest -1"
+    )
     alone = found(checked, "alone")
     assert alone.status == ("unknown" if gains == "guessed" else "fails")
     assert alone.text.startswith("diverges by torque held for 0.005 s")
