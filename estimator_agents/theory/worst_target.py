@@ -53,7 +53,7 @@ class WorstTarget:
     bound: float
     """The worst case."""
     times: Array
-    """(s,) s, from 0 to two periods after t_k."""
+    """(s,) s, from 0 to two periods after t_k, or the other target's."""
     positions: Array
     """(s,)"""
 
@@ -75,35 +75,44 @@ def worst_targets(
     beginning = ticks_until(recursion.matrix, FORGOTTEN)
     if beginning is None:
         beginning = ceil(log(FORGOTTEN) / log(radius)) if radius > 0 else 1
-    found: list[WorstTarget | None] = []
-    robots = recursion.n // recursion.copies
+    robots, copies, h = recursion.n // recursion.copies, recursion.copies, recursion.h
+    moved: dict[int, tuple[float, Array, Array]] = {}
     for row in rows:
         response = row >= 0 and responses(
             ErrorRecursion.of(recursion), as_array(unit[[row]]), 0.0, PERIODS
         )
         if not response:
-            found.append(None)
             continue
         worst_case = worst_case_of(response[0], gamma_1, gamma_2)
         before_end, velocity = worst_motion(worst_case, gamma_1, gamma_2)
         pushed = np.cumsum(gamma_2 * worst_case.widths * np.abs(worst_case.mean))
         first = int(np.searchsorted(pushed, LEFT_OUT * worst_case.bound))
-        before_end, velocity = before_end[first:], velocity[first:]
-        # Of phases that come again, robot i at t_k is copy (k − 1) mod c.
-        copy, robot = divmod(row % recursion.n, robots)
-        tick = max(beginning, ceil(before_end[0] / recursion.h) + 3)
-        tick += (copy + 1 - tick) % recursion.copies
-        times, positions = _spline(recursion.h, tick, before_end, velocity * WITHIN)
-        found.append(WorstTarget(robot + 1, tick, worst_case.bound, times, positions))
-    return found[0], found[1]
+        moved[row] = worst_case.bound, before_end[first:], velocity[first:]
+    longest = max((ceil(before[0] / h) + 3 for _, before, _ in moved.values()), default=0)
+    tick = max(beginning, longest)
+    # Of phases that come again, robot i at t_k is copy (k − 1) mod c.
+    ticks = {row: tick + (row % recursion.n // robots + 1 - tick) % copies for row in moved}
+    last = max(ticks.values(), default=0) + 2
+    found = {
+        row: WorstTarget(
+            row % recursion.n % robots + 1,
+            ticks[row],
+            bound,
+            *_spline(h, ticks[row], last, before_end, velocity * WITHIN),
+        )
+        for row, (bound, before_end, velocity) in moved.items()
+    }
+    return found.get(rows[0]), found.get(rows[1])
 
 
-def _spline(h: float, tick: int, before_end: Array, velocity: Array) -> tuple[Array, Array]:
+def _spline(
+    h: float, tick: int, last_tick: int, before_end: Array, velocity: Array
+) -> tuple[Array, Array]:
     """Return the samples, (s,) each, of what goes straight before the cells and after them."""
     step = h / GRID
     whole = np.unique(np.round(before_end * (GRID / RAMP / h)))[::-1] * RAMP
     velocity = np.interp(-whole * step, -before_end, velocity)
-    ends, last = tick * GRID - whole, (tick + 2) * GRID
+    ends, last = tick * GRID - whole, last_tick * GRID
     acceleration = np.concatenate([[0.0], np.diff(velocity) / np.diff(ends) / step, [0.0]])
     jumps = np.flatnonzero(
         np.abs(np.diff(acceleration)) > NEXT_TO_NOTHING * np.abs(acceleration).max()

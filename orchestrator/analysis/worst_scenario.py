@@ -25,7 +25,12 @@ def worst_target_changes(experiment: Experiment, ultimate: UltimateBounds) -> di
     if ultimate.why_not:
         raise InputError(f"{none}: {ultimate.why_not}")
     if recursion is None or ultimate.aperiodic or ultimate.added:
-        raise InputError(f"{none}: it is of constant periods, and samples that are all sent")
+        why = ultimate.why_loose or (
+            "sampling periods are not constant"
+            if ultimate.aperiodic
+            else "what robots receive is not what was sent, or not at each sampling time"
+        )
+        raise InputError(f"{none}: {why}")
     gammas = ultimate.gamma_1, ultimate.gamma_2
     found = worst_targets(recursion, *gammas, ultimate.radius)
     motions = [one for one in found if one is not None]
@@ -41,5 +46,5 @@ def worst_target_changes(experiment: Experiment, ultimate: UltimateBounds) -> di
         "target.kind": "sampled",
         "target.times": times.tolist(),
         "target.positions": np.concatenate(each, axis=1).tolist(),
-        "run.duration": round((first.tick + 1) * recursion.h, 9),
+        "run.duration": round((max(first.tick, second.tick) + 1) * recursion.h, 9),
     }

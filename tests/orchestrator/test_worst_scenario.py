@@ -3,6 +3,7 @@
 import pytest
 
 import nrs_cosim
+from nrs_cosim.bus.errors import InputError
 from tests.command import nrs
 from tests.scenarios import PAPER_FILE, SCENARIOS, write
 
@@ -15,9 +16,31 @@ def measured(recording):
     return [abs(errors[name][last]).max() for name in ("position_estimate", "velocity_estimate")]
 
 
-@pytest.mark.parametrize("name", ["paper_example_1a", "paper_example_2c", "compare_impulsive"])
-def test_a_run_with_the_worst_target_comes_to_98_percent_of_the_worst_case(tmp_path, name):
-    theory = nrs_cosim.check(nrs_cosim.Scenario.load(SCENARIOS / f"{name}.toml"))
+RING = {"kind": "ring", "n": 8, "pinned": [1]}
+FAST = {"axes": [{"sines": [{"amplitude": 1.0, "frequency": 14.0}]}] * 2}
+CASES = {
+    **{name: (name, {}) for name in ("paper_example_1a", "paper_example_2c", "compare_impulsive")},
+    # Positions are worst by 4 periods of the past, velocities by 440.
+    "a fast target round a ring": (
+        "paper_first_order",
+        {
+            "network": {"generator": RING},
+            "target": FAST,
+            "initial": None,
+            "robots": [],
+            "disturbance": None,
+            "algorithm.beta": 1.0,
+            "run.output_step": None,
+        },
+    ),
+}
+
+
+@pytest.mark.parametrize(("base", "changes"), CASES.values(), ids=CASES)
+def test_a_run_with_the_worst_target_comes_to_98_percent_of_the_worst_case(tmp_path, base, changes):
+    theory = nrs_cosim.check(
+        nrs_cosim.Scenario.load(write(tmp_path / "s.toml", changes, base=base))
+    )
     with nrs_cosim.run(theory.worst_target(), tmp_path / "worst.mcap") as recording:
         found = measured(recording)
     for bound, most in zip(theory.bounds[:2], found, strict=True):
@@ -46,6 +69,20 @@ def test_of_links_with_faults_no_target_is_said_to_be_the_worst(tmp_path):
     assert done.returncode == 2
     assert "no target is known that attains the worst case" in done.stderr
     assert not (tmp_path / "worst.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"algorithm": {"name": "dcea3", "alpha": 0.9, "beta": 1.0, "gamma": 0.9}}, "agents keep"),
+        ({"faults.links": [{"delay": 1}]}, "samples are late"),
+        ({"run.sampling_jitter": 0.2}, "sampling periods are not constant"),
+    ],
+)
+def test_why_no_target_is_known_is_said(changes, why):
+    theory = nrs_cosim.check(nrs_cosim.Scenario.load(PAPER_FILE).replace(changes))
+    with pytest.raises(InputError, match=f"attains the worst case: {why}"):
+        theory.worst_target()
 
 
 def test_a_changed_scenario_stays_beside_the_files_that_it_names(tmp_path):
