@@ -177,6 +177,8 @@ def why_unknown_over(experiment: Experiment, faults: LinkFaults) -> str:
         "a link loses every sample, and agents hold what they never received": (
             experiment.missing == "hold" and not faults.some_arrive
         ),
+        "a delay is longer than the run": faults.since > experiment.clock.ticks
+        and int(faults.most.max(initial=0)) > experiment.clock.ticks,
         "an outage, or a digraph of before, lasts to the end of the run": faults.since
         > experiment.clock.ticks,
     }
