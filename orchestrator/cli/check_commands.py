@@ -43,7 +43,8 @@ def check(
         typer.Option(
             "--worst-target",
             help="Write the scenario with the target, within gamma_1 and gamma_2, that attains the "
-            "worst case.",
+            "worst case: of linear agents that keep a position and a velocity, over sound links "
+            "at constant periods. Run it, and measured / worst case is what is attained.",
         ),
     ] = False,
     output: NewScenario = None,
