@@ -170,7 +170,7 @@ def fault_records(faults):
     return sorted(tuple(record[name].tolist() for name in names) for record in faults)
 
 
-@settings(FUZZ, max_examples=cases(100, 40))
+@settings(FUZZ, max_examples=cases(100, 20))
 @given(network=networks(), order=st.sampled_from([1, 2]))
 def test_agents_agree_with_plain_python_to_the_bit(network, order):
     start, targets = start_of(network)
@@ -189,7 +189,7 @@ def test_agents_agree_with_plain_python_to_the_bit(network, order):
         assert set(agents.link_events["time_ns"].tolist()) <= {network.t(k)}
 
 
-@settings(FUZZ, max_examples=cases(50, 12))
+@settings(FUZZ, max_examples=cases(50, 6))
 @given(network=networks(), data=st.data())
 def test_any_partition_and_restart_gives_the_same_bits(network, data):
     start, targets = start_of(network)

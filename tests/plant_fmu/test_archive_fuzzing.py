@@ -16,6 +16,7 @@ from nrs_cosim.plant_fmu.archives.archive import open_archive, unpacked
 from nrs_cosim.plant_fmu.archives.variables import find_quantity
 from nrs_cosim.plant_fmu.bundled.builder import build
 from nrs_cosim.plant_fmu.errors import FmuError
+from tests.cases import cases
 from tests.plant_fmu.rewritten_fmus import NAME, description
 from tests.plant_fmu.test_archive import with_entry
 
@@ -23,7 +24,7 @@ FUZZ = settings(
     derandomize=True,
     database=None,
     deadline=None,
-    max_examples=150,
+    max_examples=cases(150, 60),
     phases=(Phase.generate,),
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
@@ -132,7 +133,7 @@ EDITS: list[Callable[[str, random.Random], str]] = [
 ]
 
 
-@settings(FUZZ, max_examples=300)
+@settings(FUZZ, max_examples=cases(300, 100))
 @given(
     fmi=st.sampled_from([2, 3]),
     edits=st.lists(st.sampled_from(EDITS), min_size=1, max_size=3),

@@ -152,7 +152,7 @@ def test_a_full_disk_is_named_and_leaves_a_readable_part(
 def test_every_prefix_of_a_file_gives_a_prefix_of_the_messages(tmp_path: Path) -> None:
     made = ticks(3)
     path, seen = written(tmp_path / "a.mcap", made, **EACH_TICK), []
-    for size in reversed(range(path.stat().st_size)):
+    for size in reversed(range(0, path.stat().st_size, cases(1, 3))):
         os.truncate(path, size)
         try:
             reader = Reader(path)
