@@ -31,6 +31,8 @@ Reals = NDArray[np.floating[Any]]
 
 WORK = 5e4
 """Sampling periods of the past, of a few robots, that a sum may take; of more robots, fewer."""
+WHOLE = 1 + 1e-12
+"""What weights of a mean add up to, with rounding."""
 REST = 1e-13
 """The part of the sum at which it ends."""
 LARGEST = 200
@@ -131,9 +133,23 @@ def _attained(
     most += np.repeat(np.abs(held) * gamma_1, recursion.n)
     periods = _periods_of_work(recursion.matrix) * (4 if seen.shape[1] <= DENSE else 1)
     if radius > 0 and log(LEFT) / log(radius) > periods:
-        return largest(most)
-    found, _ = attained(ErrorRecursion.of(recursion), seen, most, (gamma_1, gamma_2), held, periods)
-    return EstimateBounds(*found.tolist())
+        found = largest(most)
+    else:
+        gammas = gamma_1, gamma_2
+        both, _ = attained(ErrorRecursion.of(recursion), seen, most, gammas, held, periods)
+        found = EstimateBounds(*both.tolist())
+    if _are_means(recursion, seen):
+        return EstimateBounds(found.position, min(found.velocity, 2 * gamma_1))
+    return found
+
+
+def _are_means(recursion: Recursion, seen: Matrix) -> bool:
+    """Whether velocities are means of the target's, with weights of at least 0 (W2)."""
+    parts = [matrix[recursion.n :] for matrix in (recursion.matrix, seen)]
+    return not recursion.drag[1].any() and all(
+        part.min() >= 0 and part[:, : recursion.n].max() <= 0 and part.sum(axis=1).max() <= WHOLE
+        for part in parts
+    )
 
 
 def _periods_of_work(A: Matrix) -> int:

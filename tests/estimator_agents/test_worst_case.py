@@ -191,3 +191,15 @@ def test_the_spline_of_a_worst_target_is_within_its_bounds_and_attains_the_worst
             x = (recursion.matrix @ x.ravel()).reshape(2, 6) + delta[:, None]
             assert np.all(np.abs(x[half]) <= most * (1 + 1e-6) + 1e-9)
         assert x[half, one.robot - 1] >= 0.99 * most
+
+
+def test_velocities_that_are_means_of_the_targets_err_by_twice_its_speed_at_most():
+    pinned = np.zeros(100)
+    pinned[0] = 1
+    topology = Topology.of(np.roll(np.eye(100), 1, axis=0), pinned)
+    algorithm = FirstOrder(0.9, 0.9)
+    rho = spectral_radius(algorithm.modes(spectrum_of(topology), 0.1))
+    recursion = recursion_of(algorithm, topology, 0.1)
+    bound = worst_case_always(recursion, 3.0, 1.0, rho)
+    assert bound.velocity == pytest.approx(6.0, rel=1e-3)
+    assert bound.velocity <= 6.0
