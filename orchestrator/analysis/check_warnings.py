@@ -11,7 +11,7 @@ from nrs_cosim.estimator_agents.theory.tracking import TRACKING
 from nrs_cosim.orchestrator.analysis.conditions import Check
 from nrs_cosim.orchestrator.analysis.links import LinkAnalysis
 from nrs_cosim.orchestrator.analysis.robot_conditions import POSITIVE
-from nrs_cosim.orchestrator.scenario.robot_ids import multiple
+from nrs_cosim.orchestrator.scenario.robot_ids import growth_said, multiple
 
 
 def warnings_of(checked: Check) -> list[str]:
@@ -30,9 +30,9 @@ def _over_links(checked: Check) -> list[str]:
     if checked.convergence == "converges":
         return []
     if links.growth is not None:
-        return [f"over these links {_diverge(links.growth)} ({links.source})"]
+        return [f"over these links {_diverge(links.growth, links.growth_at_most)} ({links.source})"]
     if links.loss and links.loss.mean_square.status == "refuted":
-        line = f"in mean square, over these links, {_diverge(links.loss.mean_square.lower)}"
+        line = f"in mean square, over these links, {_diverge(*[links.loss.mean_square.lower] * 2)}"
         return [line + "; almost every run converges, by simulation" * bool(links.source)]
     if not links.source:
         why = f": {links.why}" if links.why else ""
@@ -48,10 +48,10 @@ def _basis(links: LinkAnalysis) -> str:
 def _without_faults(checked: Check) -> list[str]:
     rho = checked.rho
     if rho.radius >= 1:
-        return [_diverge(rho.radius)]
+        return [_diverge(rho.radius, rho.radius)]
     if rho.lower >= 1:
         some = "some jitter lets " if checked.periods.early else ""
-        return [f"{some}{_diverge(rho.lower)}"]
+        return [f"{some}{_diverge(rho.lower, None)}"]
     if rho.upper >= 1:
         return [
             f"{checked.undecided}: at worst "
@@ -61,11 +61,9 @@ def _without_faults(checked: Check) -> list[str]:
     return []
 
 
-def _diverge(factor: float) -> str:
-    return (
-        f"the estimates diverge: their error grows by a factor of {multiple(factor)} at each "
-        f"sampling time"
-    )
+def _diverge(least: float, most: float | None) -> str:
+    by = growth_said(least, most)
+    return f"the estimates diverge: their error grows by {by} at each sampling time"
 
 
 def _violated(condition: Condition, algorithm: str) -> str:

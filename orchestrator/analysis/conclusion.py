@@ -26,7 +26,9 @@ class Conclusion:
     settling_time: float | None
     """s, until any initial error is a millionth of itself at most; None where not known."""
     growth: float | None
-    """What errors are multiplied by at a sampling time where they diverge; None where not known."""
+    """What errors are multiplied by at a sampling time, at least, where they diverge; or None."""
+    growth_at_most: float | None
+    """And at most, with 99.9 % confidence where it is by simulation; None where not known."""
     within: dict[str, float | None] | None
     """How near positions and velocities come to the target's in steady state; None if not known."""
     of: Literal["this target", "any target within gamma_1 and gamma_2", ""]
@@ -50,6 +52,7 @@ def conclusion(checked: Check, ultimate: UltimateBounds) -> Conclusion:
         why_unknown="" if known else _why_unknown(checked),
         settling_time=checked.settling_time,
         growth=finite(links.growth),
+        growth_at_most=finite(links.growth_at_most),
         within=pair_json(bound),
         of=""
         if bound is None

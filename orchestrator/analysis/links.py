@@ -120,6 +120,16 @@ class LinkAnalysis:
         return max(known) if self.status == "diverges" else None
 
     @property
+    def growth_at_most(self) -> float | None:
+        """The other end of `growth`, by simulation or where it is exact; None where not known."""
+        if self.growth is None:
+            return None
+        if self.simulated:
+            return self.simulated.upper
+        exact = not self.loss and self.radius.upper - self.radius.lower < 1e-6
+        return self.radius.upper if exact else None
+
+    @property
     def almost_sure(self) -> RadiusBounds:
         """e^λ: by simulation where samples are lost, or delays are drawn; else it is ρ."""
         if self.simulated:

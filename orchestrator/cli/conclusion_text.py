@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from nrs_cosim.orchestrator.scenario.robot_ids import multiple
+from nrs_cosim.orchestrator.scenario.robot_ids import growth_said
 
 if TYPE_CHECKING:
     from nrs_cosim.orchestrator.analysis.conclusion import Conclusion
@@ -27,7 +27,8 @@ def conclusion_sentence(found: "Conclusion") -> str:
     by = "proven" if found.proven else "by simulation, not proven"
     parts = [f"{_SAID[found.status]} ({by}: {found.source})"]
     if found.growth is not None:
-        parts.append(f"errors grow by a factor of {multiple(found.growth)} at each sampling time")
+        by = growth_said(found.growth, found.growth_at_most)
+        parts.append(f"errors grow by {by} at each sampling time")
     if found.settling_time is not None:
         parts.append(f"{found.settling_time:.4g} s take any initial error to a millionth")
     if found.within and None not in found.within.values():

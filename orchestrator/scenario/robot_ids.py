@@ -73,6 +73,15 @@ def multiple(factor: float) -> str:
     return decimals(factor)
 
 
+def growth_said(least: float, most: float | None) -> str:
+    """Say by what errors grow: a factor, by simulation between two, or at least by one."""
+    if most is None:
+        return f"at least {multiple(least)}"
+    if most - least < 1e-6:
+        return f"a factor of {multiple(least)}"
+    return f"{least:.4g} to {most:.4g} (99.9 %)"
+
+
 def decimals(number: float) -> str:
     """Return a number with six decimals, or in short where it has seven digits before them."""
     return f"{number:.6f}" if abs(number) < 1e6 else f"{number:.6g}"

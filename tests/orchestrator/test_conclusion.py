@@ -6,6 +6,7 @@ from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conclusion import conclusion
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.cli.conclusion_text import conclusion_sentence
+from nrs_cosim.orchestrator.scenario.robot_ids import growth_said
 from tests.scenarios import example
 
 AT_04 = {"run": {"duration": 8.0, "sampling_period": 0.4}}
@@ -48,6 +49,22 @@ def test_what_converges_almost_surely_alone_is_not_called_proven():
     found = concluded("paper_example_3b", {**AT_04, **losses})
     assert (found.status, found.proven) == ("converges almost surely", False)
     assert "by simulation, not proven" in conclusion_sentence(found)
+
+
+def test_growth_by_simulation_is_said_with_both_ends():
+    """alpha = 1.8 at a loss of 0.6: the exponent by simulation, with 99.9 % confidence."""
+    losses = {"faults": {"links": [{"loss": 0.6}]}, "algorithm.alpha": 1.8}
+    found = concluded("paper_first_order", losses)
+    assert 1 < found.growth < found.growth_at_most < 1.05
+    said = f"by {found.growth:.4g} to {found.growth_at_most:.4g} (99.9 %)"
+    assert said in conclusion_sentence(found)
+
+
+@pytest.mark.parametrize(
+    ("most", "said"), [(None, "at least 1.250000"), (1.25, "a factor of 1.250000")]
+)
+def test_growth_is_a_factor_where_it_is_exact_and_else_at_least_one(most, said):
+    assert growth_said(1.25, most) == said
 
 
 def test_the_sentence_has_the_numbers_of_the_object():
