@@ -1,5 +1,6 @@
 """A scenario whose target does the worst that `check` bounds: on the first axis to the positions of
 the estimates, on the second to their velocities, both at one sampling time near the run's end.
+Estimates begin at the target.
 """
 
 from typing import Any
@@ -38,13 +39,14 @@ def worst_target_changes(experiment: Experiment, ultimate: UltimateBounds) -> di
         raise InputError(f"{none}: it is not computed for so many robots or so long a memory")
     first, second = motions[0], motions[-1]
     times = np.union1d(first.times, second.times)
-    each = [
-        Sampled.of(one.times, one.positions[:, None]).at(times).position
-        for one in [first, second, *[first] * experiment.m][: experiment.m]
-    ]
+    motions = [first, second, *[first] * experiment.m][: experiment.m]
+    each = [Sampled.of(one.times, one.positions[:, None]).at(times) for one in motions]
+    positions = np.concatenate([one.position for one in each], axis=1)
     return {
         "target.kind": "sampled",
         "target.times": times.tolist(),
-        "target.positions": np.concatenate(each, axis=1).tolist(),
+        "target.positions": positions.tolist(),
+        "initial.position": positions[0].tolist(),
+        "initial.velocity": [float(one.velocity[0, 0]) for one in each],
         "run.duration": round((max(first.tick, second.tick) + 1) * recursion.h, 9),
     }
