@@ -69,7 +69,7 @@ def _condition(c: "Condition", status: str) -> tuple[str, ...]:
     """Return a row of the conditions."""
     mark = {"holds": _MARKS["holds"], "violated": "[red]fails[/]"}
     bound = f"{'>' if c.at_least else '<'} {decimals(c.bound)}"
-    numbers = (f"{c.value:g}", bound, f"{'+' * (c.margin >= 0)}{decimals(c.margin)}")
+    numbers = (f"{c.value:g}", bound, f"{'+' * (c.margin >= 0)}{_margin(c.margin)}")
     if status == "unknown":
         numbers = (numbers[0], "not computed", "")
     source = escape(c.source) + ", [yellow]sampled[/]" * c.sampled
@@ -173,3 +173,9 @@ def profile(console: Console, profile: "Profile", wall: float) -> None:
         by = f"NumPy, for {profile.numpy_why}" if profile.numpy_why else "native code"
         apart = f"; plants are stepped apart, for {profile.steps_why}" * bool(profile.steps_why)
         console.print(f"ticks are done by {by}{apart}")
+
+
+def _margin(margin: float) -> str:
+    """Return a margin with six decimals; in short where these are zeros and it is not."""
+    said = decimals(margin)
+    return f"{margin:.2g}" if margin and float(said) == 0 else said

@@ -1,11 +1,15 @@
 """What `nrs check` concludes first: each kind of ending, and the same object in text and JSON."""
 
+from io import StringIO
+
 import pytest
+from rich.console import Console
 
 from nrs_cosim.orchestrator.analysis.bounds import ultimate_bounds
 from nrs_cosim.orchestrator.analysis.conclusion import conclusion
 from nrs_cosim.orchestrator.analysis.conditions import check
 from nrs_cosim.orchestrator.cli.conclusion_text import conclusion_sentence
+from nrs_cosim.orchestrator.cli.summary_text import theory_table
 from nrs_cosim.orchestrator.scenario.robot_ids import growth_said
 from tests.scenarios import example
 
@@ -78,3 +82,14 @@ def test_the_sentence_has_the_numbers_of_the_object():
     assert diverging.growth == pytest.approx(1.014386, abs=5e-7)
     assert (diverging.within, diverging.of, diverging.settling_time) == (None, "", None)
     assert "1.014386" in conclusion_sentence(diverging)
+
+
+@pytest.mark.parametrize("alpha", [1.1715728752538, 1.1715728])
+def test_a_margin_that_is_not_zero_is_not_printed_as_zero(alpha):
+    experiment = example("paper_first_order", {"algorithm.alpha": alpha})
+    checked, console = check(experiment), Console(width=120, record=True, file=StringIO())
+    margin = checked.conditions[0].margin
+    assert 0 < abs(margin) < 5e-7
+    theory_table(console, checked, ultimate_bounds(experiment, checked.links.radius), [])
+    row = next(line for line in console.export_text().splitlines() if "equation 0.8" in line)
+    assert f"{margin:+.2g}" in row
