@@ -70,9 +70,9 @@ def theory_beside(path: Path, experiment: Experiment) -> dict[str, str]:
     return {THEORY: record.model_dump_json()}
 
 
-def wrong_theory(reader: Reader, theory: Mapping[str, Any]) -> str:
+def wrong_theory(reader: Reader, experiment: Experiment, theory: Mapping[str, Any]) -> str:
     """Say that what was stored of a whole run is not what is computed, where it is not."""
-    found = _record(reader) if reader.digest else None
+    found = _record(reader, experiment) if reader.digest else None
     if found is None or _alike(found.as_json(), theory):
         return ""
     return f"{END}: {THEORY}: is not what the scenario and the messages give"
@@ -82,8 +82,8 @@ def wrong_at_end(reader: Reader, experiment: Experiment) -> str:
     """Say what a run stored of its errors at its end that is not what comes out of its messages."""
     measured = steady_state(reader, experiment.target_at, experiment.byzantine)
     wrong = wrong_measurement(reader, measured)
-    if not wrong and _record(reader):
-        wrong = wrong_theory(reader, _computed(reader, experiment, measured))
+    if not wrong and _record(reader, experiment):
+        wrong = wrong_theory(reader, experiment, _computed(reader, experiment, measured))
     return wrong
 
 
@@ -98,17 +98,20 @@ def _computed(reader: Reader, experiment: Experiment, measured: SteadyState) -> 
 
 def _stored(reader: Reader, experiment: Experiment) -> dict[str, Any] | None:
     """Return what a run said of the theory; None where it did not, or is not to be believed."""
-    missing = isinstance(experiment.scenario.algorithm, NotInstalled)
-    if reader.computed or missing or experiment.text != about(reader).scenario:
-        return None
-    found = _record(reader)
+    found = None if reader.computed else _record(reader, experiment)
     return found.as_json() if found else None
 
 
-def _record(reader: Reader) -> TheoryRecord | None:
-    """Return what is stored of this very run by this version; `UnreadableError` if malformed."""
+def _record(reader: Reader, experiment: Experiment) -> TheoryRecord | None:
+    """Return what is stored of this very run by this version; `UnreadableError` if malformed.
+
+    None too where its algorithm is not installed: nothing could be computed beside it here.
+    """
     found = reader.ending.theory if reader.ending else None
-    if found is None or found.get("of") != _origin(reader):
+    missing = isinstance(experiment.scenario.algorithm, NotInstalled)
+    if found is None or missing or experiment.text != about(reader).scenario:
+        return None
+    if found.get("of") != _origin(reader):
         return None
     return parse(reader.path, f"{END}: {THEORY}", TheoryRecord, found)
 

@@ -56,7 +56,7 @@ def info(
         wrong = (
             wrong_measurement(reader, result.measured),
             wrong_links(reader, experiment, result.described["links"]),
-            wrong_theory(reader, result.theory),
+            wrong_theory(reader, experiment, result.theory),
         )
         reader.damage += filter(None, wrong)
     if as_json:

@@ -7,8 +7,9 @@ import sys
 
 import pytest
 
+from nrs_cosim.orchestrator.analysis import results
 from nrs_cosim.orchestrator.analysis.comparison import compare_to_theory
-from nrs_cosim.orchestrator.analysis.results import Result, theory_beside
+from nrs_cosim.orchestrator.analysis.results import Result, theory_beside, wrong_theory
 from nrs_cosim.orchestrator.engine.run import run
 from nrs_cosim.orchestrator.engine.summary import experiment_of, measure
 from nrs_cosim.recordings.mcap.reader import Reader
@@ -92,6 +93,18 @@ def test_a_lie_is_seen_through_and_what_is_of_another_run_or_version_is_computed
     done = nrs("info", refused)
     assert done.returncode == 2
     assert done.stderr.startswith(f"error: {refused}: nrs.end: theory: quantities: ")
+
+
+def test_where_its_algorithm_is_not_installed_nothing_is_held_against_what_is_stored(
+    tmp_path, monkeypatch
+):
+    experiment, path = paper(SHORT), tmp_path / "run.mcap"
+    run(experiment, path, more=lambda at: theory_beside(at, experiment))
+    other = {"why_not": "its algorithm is not installed"}
+    with Reader(path, verify=True) as reader:
+        assert WRONG in wrong_theory(reader, experiment, other)
+        monkeypatch.setattr(results, "NotInstalled", type(experiment.scenario.algorithm))
+        assert wrong_theory(reader, experiment, other) == ""
 
 
 @pytest.mark.parametrize("wrong", [{"spectral_radius": "NaN"}, {"quantities": 3}, {"why_not": []}])
