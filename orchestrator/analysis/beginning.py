@@ -6,7 +6,8 @@ half of the ticks until it is lost in rounding.
 
 Where it is not known what x settles to, the target might have moved on straight until t_1 as it
 does there. Of such a target, x at t_k is within the bound for any target, and z = x − what x would
-be at t_1. There is no factor then.
+be at t_1. There is no factor then. Over late links that is not known: samples are under way at t_1
+which the target sent while it moved otherwise.
 """
 
 from collections.abc import Iterator
@@ -83,15 +84,14 @@ def _had_it_moved_straight(
 ) -> SteadyMotion | None:
     """Return what errors settle to at a target that moves on as it does when all becomes steady.
 
-    None where that is not known, or changes with the periods, or samples of `past` ticks are under
-    way then, which the target sent while it moved otherwise.
+    None where that is not known or changes with the periods, or samples of `past` ticks are under
+    way.
     """
     _, rate = experiment.target_at(np.array(seconds(experiment.clock.t(ultimate.since))))
     none = np.zeros((experiment.m, 0))
     straight = Harmonic(0 * rate, rate, none, none, none)
     if ultimate.step:
-        found = ultimate.step.steady_motion(straight)
-        return None if found is None or (past and found.constant.any()) else found
+        return None if past else ultimate.step.steady_motion(straight)
     recursion = lasting(ultimate.recursions, experiment.topologies)
     if recursion is None or (ultimate.aperiodic and recursion.drag.any()):
         return None
